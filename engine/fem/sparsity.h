@@ -1,0 +1,37 @@
+// Where the stiffness blocks go: the edges of the mesh, who contributes to them, and the sliced block storage (SELL)
+// of the symmetric matrix: chunks of 16 rows, rows sorted by length within windows of 64 so that padding stays small.
+//
+// Vectors of the linear solver use the same slots: entry d of slot s stands at [(s / 16 * 3 + d) * 16 + s % 16].
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/mesh/embedding.h"
+
+namespace sulcus {
+
+struct Sparsity {
+  static constexpr int chunk_rows = 16;
+  static constexpr int window_rows = 64;
+
+  std::int64_t nodes = 0;
+  std::int64_t chunks = 0;                 // slots = 16 * chunks >= nodes
+  std::vector<std::int32_t> slot_of_node;  // [nodes]
+  std::vector<std::int32_t> node_of_slot;  // [slots], -1 for padding
+
+  std::vector<std::array<std::int32_t, 2>> edges;  // [edges] nodes a < b, sorted
+  std::vector<std::int32_t> edge_start;            // [edges+1] into edge_items
+  std::vector<std::int32_t> edge_items;            // element*16 + corner_a*4 + corner_b, ascending
+  std::vector<std::int32_t> tet_edges;             // [6*tets], edges of corners 01 02 03 12 13 23
+
+  std::vector<std::int32_t> chunk_start;  // [chunks+1] in columns of 16 entries
+  std::vector<std::int32_t> column;       // [entries] offset of the neighbour's entry 0 in a solver vector
+  std::vector<std::int32_t> block;        // [entries] edge*2 + (1: transposed); -1: padding
+};
+
+Sparsity build_sparsity(const EmbeddingMesh& mesh);
+
+}  // namespace sulcus

@@ -1,0 +1,26 @@
+// Counting pieces: of the voxel graph cut by the pairs, and of a tetrahedral mesh.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/volume/label_map.h"
+#include "engine/volume/separation.h"
+
+namespace sulcus {
+
+struct Pieces {
+  std::vector<std::int32_t> piece;      // [items] number of the piece, -1 for items that are in none
+  std::vector<std::int64_t> item_count;  // [pieces]; pieces are numbered by their first item
+};
+
+// 6-connected pieces of labelled voxels, faces between pairs cut.
+Pieces voxel_pieces(const LabelMap& map, const SeparationPairs& pairs);
+
+// Pieces of tetrahedra that share nodes. `alive` (empty = all) leaves out removed elements.
+Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,
+                   std::span<const std::uint8_t> alive = {});
+
+}  // namespace sulcus

@@ -1,0 +1,71 @@
+// Scene: all that does not change during a run. State: all that does. step() is a function of scene, state and the
+// device samples, and of nothing else.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/contact/embedded.h"
+#include "engine/fem/elements.h"
+#include "engine/fem/sparsity.h"
+#include "engine/mesh/embedding.h"
+#include "engine/solver/conjugate_gradients.h"
+#include "engine/tool/rigid_body.h"
+#include "engine/tool/virtual_coupling.h"
+#include "engine/volume/distance_field.h"
+
+namespace sulcus {
+
+struct NodeSpring {
+  std::int32_t node = 0;
+  double stiffness_N_m = 0;   // N/m, >= 0
+  double damping_N_s_m = 0;   // N s/m, >= 0
+};
+
+struct Tool {
+  std::string name;
+  ToolSurface surface;
+  RigidBody body;
+  VirtualCoupling coupling;
+  double filter_Hz = 0;  // Hz, cut-off of the displayed force; 0 = no filter
+};
+
+// What a scene is built from. Plain data in SI units; the caller has read and checked files and keys.
+struct SceneDescription {
+  LabelMap map;
+  SeparationPairs pairs;
+  EmbeddingOptions embedding;
+  Material material;                            // of labels that `materials` does not name
+  std::map<std::int32_t, Material> materials;   // by label
+  RayleighDamping damping;
+  Vec3 gravity = Vec3::Zero();                  // m/s^2
+  std::vector<std::int32_t> fixed_nodes;        // held at rest
+  std::vector<NodeSpring> springs;              // to the rest position
+  std::vector<Tool> tools;
+  ContactLaw contact;
+  SolverSettings solver;
+  double step_s = 0.033;                        // s, time step h > 0
+  bool energies = true;                         // whether the energy of the tissue is reported at each step
+};
+
+struct Scene {
+  SceneDescription settings;  // as given (the label map stays here)
+  EmbeddingMesh mesh;
+  ElementData elements;
+  Sparsity sparsity;
+  std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool
+  std::vector<double> filter_alpha;               // [tools]
+
+  std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
+  std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
+};
+
+// Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a caller can
+// choose nodes by position first. Throws InputError for what cannot be simulated (negative stiffness, nu outside
+// (-1, 0.5), no mass, a node number out of range, a time step of zero, a tool that is not finite).
+Scene build_scene(SceneDescription description, EmbeddingMesh mesh);
+
+}  // namespace sulcus

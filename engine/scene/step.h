@@ -1,0 +1,79 @@
+// One time step: backward Euler of tissue and tools as one symmetric positive definite system (equations.md 4).
+//
+//   sample -> contacts -> assembly -> solve -> update -> coupling
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "engine/device/device.h"
+#include "engine/scene/scene.h"
+#include "engine/scene/state.h"
+
+namespace sulcus {
+
+enum class Stage : int { contacts, assembly, solve, update };
+inline constexpr int stage_count = 4;
+inline constexpr std::array<const char*, stage_count> stage_names = {"contacts", "assembly", "solve", "update"};
+
+// Told when a stage ends; the place for clocks, which the engine itself does not read. Must not throw.
+struct StageObserver {
+  virtual ~StageObserver() = default;
+  virtual void stage_done(Stage stage) = 0;
+};
+
+struct ToolReport {
+  Vec3 contact_force = Vec3::Zero();    // N, of the tissue on the tool
+  Vec3 contact_torque = Vec3::Zero();   // N m, about the centre of mass
+  Vec3 tissue_force = Vec3::Zero();     // N, of the tool on the tissue, summed over the nodes
+  Vec3 coupling_force = Vec3::Zero();   // N, of the tool on the hand, before the filter
+  Vec3 coupling_torque = Vec3::Zero();  // N m
+  Vec3 displayed_force = Vec3::Zero();  // N, after the filter
+  Vec3 displayed_torque = Vec3::Zero();
+  double max_penetration_m = 0;         // m, of the contacts found at the start of the step
+  std::int32_t contacts = 0;
+  std::int32_t dropped_contacts = 0;    // by the tension rule
+  double min_push_N = 0;                // N, smallest normal force of a kept contact, > 0 pushes
+};
+
+struct StepReport {
+  std::int64_t step = 0;   // number of the step that was done, from 0
+  double time_s = 0;       // s, at the end of the step
+  std::int32_t iterations = 0;
+  double residual = 0;     // relative, as the solver's tolerance is
+  bool converged = false;  // by tolerance; false: stopped by the cap
+  bool finite = true;      // all of the new state
+  double kinetic_energy_J = 0;  // J, tissue, at the end of the step
+  double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step (0 unless scene asks)
+  std::vector<ToolReport> tools;
+};
+
+// Scratch memory of step(): its content never influences a result.
+struct Workspace;
+struct WorkspaceDeleter {
+  void operator()(Workspace* workspace) const;
+};
+using WorkspacePtr = std::unique_ptr<Workspace, WorkspaceDeleter>;
+WorkspacePtr make_workspace(const Scene& scene, int threads);
+
+// Advances `state` by scene.settings.step_s. samples: one a tool, the device at the END of the step.
+// Neither allocates (after the first step) nor throws. report.tools must have one entry a tool (make_report).
+void step(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
+          Workspace& workspace, StageObserver* observer = nullptr);
+StepReport make_report(const Scene& scene);
+
+// Relative error of the velocity increment that the scene's solver settings leave in the coming step, against a solve
+// in double precision to 1e-10: |dv - dv*| / |dv*| (0 if dv* is zero). Leaves the state alone. Slow; for reports.
+double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
+                            int threads);
+
+// Largest principal stress of each element [tets], Pa (equations.md 2.4); 0 for removed elements.
+std::vector<double> max_principal_stress(const Scene& scene, const State& state);
+
+// Elements with det F <= 0 among the alive ones.
+std::int64_t count_inverted(const Scene& scene, const State& state);
+
+}  // namespace sulcus
