@@ -1,0 +1,43 @@
+// Label maps that need no file: simple bodies of voxels, centred on the world's origin, axes along the
+// world's. All sizes in metres; the number of voxels along an axis is the size divided by the voxel size,
+// rounded to nearest.
+#pragma once
+
+#include "engine/volume/label_map.h"
+
+namespace sulcus {
+
+// The cylinder of thesis 2.7.3 and 5.3.5, axis along z. The half x < 0 is segment 1; the half x > 0 is cut at
+// y = 0 into segment 2 (y > 0) and segment 3 (y < 0), which touch along a plane: separation pair {2, 3}.
+struct CylinderThreeSegments {
+  double diameter_m = 0.076;   // m
+  double length_m = 0.020;     // m, along z
+  double voxel_size_m = 1e-3;  // m
+  double gap_m = 0;            // m, width of the empty slit between segments 2 and 3 ...
+  double gap_from_x_m = 0;     // m, ... where x > gap_from_x_m; 0 = the whole front half
+};
+
+// A block of one segment.
+struct BoxSegment {
+  Vec3 size_m = Vec3::Constant(0.05);  // m
+  double voxel_size_m = 1e-3;          // m
+  std::int32_t label = 1;
+};
+
+// A ball of one segment.
+struct SphereSegment {
+  double diameter_m = 0.05;    // m
+  double voxel_size_m = 1e-3;  // m
+  std::int32_t label = 1;
+};
+
+// A voxel belongs to the body if its centre does; the extent of the map is the
+// body's bounding box, without a margin. Throws InputError for sizes that are not positive and finite, for a
+// body thinner than a voxel and for more than max_generated_voxels.
+LabelMap generate(const CylinderThreeSegments& shape);
+LabelMap generate(const BoxSegment& shape);
+LabelMap generate(const SphereSegment& shape);
+
+inline constexpr double max_generated_voxels = 1 << 29;
+
+}  // namespace sulcus

@@ -1,0 +1,157 @@
+// A scenario: one JSON file that says everything about a run. This library turns it into a Scene and its
+// devices.
+//
+//   Scenario scenario = load_scenario("cylinder_retraction.json", {"/solver/tolerance=1e-5"});
+//   Scene scene = make_scene(scenario, &warnings);
+//   auto devices = make_devices(scenario);
+//
+// The file format is scenario.schema.json. Every key carries its unit; positions are world millimetres in the
+// physical space of the image. Here everything is in SI units.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "device_sim/scripted.h"
+#include "engine/device/device.h"
+#include "engine/scene/scene.h"
+#include "scenarios/loader/generated.h"
+
+namespace sulcus {
+
+// Where the label map comes from: a file (absolute path), or a generated body.
+using LabelMapSource = std::variant<std::filesystem::path, CylinderThreeSegments, BoxSegment, SphereSegment>;
+
+// Done on the labels in the order of the list.
+struct RelabelOperation {
+  std::vector<std::int32_t> from;
+  std::int32_t to = 0;  // 0 empties the voxels
+};
+struct KeepLabelsOperation {
+  std::vector<std::int32_t> labels;  // all others are emptied
+};
+struct KeepBoxOperation {
+  Vec3 min_m, max_m;  // m, world; voxels with a centre outside are emptied
+};
+using LabelOperation = std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation>;
+
+// Nodes by their rest position: a box, infinite where the file says nothing. Borders belong to it.
+struct NodeRegion {
+  Vec3 min_m, max_m;  // m, world
+  std::string place;  // JSON pointer, for messages
+};
+struct SpringRegion {
+  NodeRegion nodes;
+  double stiffness_N_m = 0;  // N/m at each node
+  double damping_N_s_m = 0;  // N s/m at each node
+};
+
+// Bounds on what a run may give; an absent one is not checked.
+struct Checks {
+  std::optional<double> max_penetration_m;  // m, deepest contact of any step
+  std::optional<double> max_force_N;        // N, largest |displayed force| of any tool and step, at most
+  std::optional<double> min_peak_force_N;   // N, the same, at least: the tool does touch
+  std::optional<double> min_peak_displacement_m;  // m, largest displacement of a node at any step, at least
+  std::optional<double> returns_to_rest_m;        // m, largest displacement of a node at the end
+  std::optional<double> max_solver_error;  // relative, measure_solver_error; "solver_error" in the file
+  std::optional<double> max_residual;      // relative, StepReport::residual of any step
+  std::optional<std::int64_t> max_inverted_elements;  // at any recorded frame
+};
+
+struct Camera {
+  Vec3 eye_m = Vec3::Zero(), target_m = Vec3::Zero();  // m, world
+  Vec3 up = Vec3::UnitZ();                             // any length > 0, not along the view
+  double field_of_view_deg = 30;                       // degrees, vertical
+};
+
+enum class ShotContent { labels, max_principal_stress };
+
+struct Shot {
+  std::string name;   // part of a file name: letters, digits, '_', '-'
+  double time_s = 0;  // s, within the duration
+  ShotContent show = ShotContent::labels;
+  Camera camera;  // its own, or the pictures' common one
+};
+
+struct Pictures {
+  int width = 960, height = 720;  // pixels
+  std::vector<Shot> shots;
+};
+
+// How a run is compared with its golden record.
+struct GoldenSettings {
+  int series_every_steps = 10;         // decimation of the stored series
+  double force_tolerance_N = 1e-3;     // N
+  double position_tolerance_m = 1e-5;  // m
+  int picture_tolerance = 8;           // of 255, a channel of a pixel
+  double picture_conformity = 0.995;   // share of pixels that must be within the tolerance
+};
+
+struct Scenario {
+  std::filesystem::path path;  // of the file (empty if the text came from elsewhere)
+  std::string name, title, description;
+  LabelMapSource map_source;
+  std::vector<LabelOperation> map_operations;
+  SceneDescription scene;  // complete but for map, fixed_nodes and springs, which make_scene fills
+  std::vector<NodeRegion> fixed;
+  std::vector<SpringRegion> springs;
+  std::vector<ScriptedTrajectory> scripts;  // [tools]
+  double duration_s = 0;                    // s; the run has steps() steps
+  int measure_error_every_steps = 0;        // 0: the solver's error is not measured
+  int frame_every_steps = 1;                // recording of the whole state
+  Checks checks;
+  Pictures pictures;
+  std::map<std::int32_t, std::array<std::uint8_t, 3>> label_colours;  // red, green, blue
+  GoldenSettings golden;
+  std::string resolved_json;                       // the text after the overrides, what a recording keeps
+  std::vector<std::filesystem::path> input_files;  // scenario file and label map, for hashing
+  std::vector<std::string> warnings;  // what is odd but not wrong; for the caller to print and record
+
+  std::int64_t steps() const;  // whole number nearest to duration / step
+};
+
+// Reads and checks a scenario. overrides: "/json/pointer=value", value read as JSON, else as a string; the
+// pointer may name a key that the file leaves out but the format knows. Throws InputError: no such file, JSON
+// syntax (line and column), every violation of the schema (pointer, found, expected, nearest known key),
+// values that cannot be simulated, missing label map.
+Scenario load_scenario(const std::filesystem::path& path, std::span<const std::string> overrides = {});
+
+// The same from text, as a recording keeps it. `place` names it in messages; relative file names are looked
+// up in `directory`.
+Scenario load_scenario_text(const std::string& text, const std::string& place,
+                            const std::filesystem::path& directory,
+                            std::span<const std::string> overrides = {});
+
+// The label map with its operations done. Throws InputError.
+LabelMap load_label_map(const Scenario& scenario);
+
+// Label map -> mesh -> nodes of the boundary -> Scene. Appends to warnings (if given) what is odd: pairs,
+// materials or colours that name absent labels, overlapping regions, a trajectory that starts inside the
+// tissue's box, ... Throws InputError for what is wrong: a region without nodes, a map that is empty after
+// its operations.
+Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings = nullptr);
+
+// One scripted device a tool, in the order of the tools.
+std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario);
+
+// The schema of the format (JSON Schema draft 7), compiled in.
+const std::string& scenario_schema();
+
+// For lists of scenarios: name, title and description without checking the rest. Sorted by file name; a file
+// that is no scenario gets its error in `error`.
+struct ScenarioSummary {
+  std::filesystem::path path;
+  std::string name, title, description;
+  std::string error;  // empty if the file is valid
+};
+std::vector<ScenarioSummary> list_scenarios(const std::filesystem::path& directory);
+
+}  // namespace sulcus
