@@ -1,0 +1,144 @@
+// The recording of a run, run.h5 (HDF5, docs/recording-format.md): enough to run it again from the device
+// samples alone, to compare it step by step, to check it, to report on it, and to go on from its last state.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/device/device.h"
+#include "engine/scene/state.h"
+#include "engine/scene/step.h"
+
+namespace sulcus {
+
+inline constexpr int recording_format_version = 1;
+
+// What is known before the first step. All of it is recorded as given.
+struct RunHeader {
+  std::string scenario_name;
+  std::string scenario_json;                  // resolved: defaults and overrides are in it
+  std::vector<std::string> overrides;         // of the command line, "/json/pointer=value"
+  std::map<std::string, std::string> build;   // provenance: "version", "git", "compiler", "flags", ...
+  std::map<std::string, std::string> inputs;  // input file as named in the scenario -> hash_file()
+  int threads = 1;
+  double step_s = 0;                    // s, time step
+  std::vector<std::string> tool_names;  // [tools]
+  std::vector<double> rest_positions;   // [3*nodes], m
+  std::vector<std::int32_t> tets;       // [4*tets]
+
+  std::int64_t tool_count() const { return static_cast<std::int64_t>(tool_names.size()); }
+  std::int64_t node_count() const { return static_cast<std::int64_t>(rest_positions.size() / 3); }
+  std::int64_t tet_count() const { return static_cast<std::int64_t>(tets.size() / 4); }
+};
+RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; the caller adds the rest
+
+// One quantity over all steps; entry n belongs to the step with number n.
+//
+//   time_s  finite (0/1)
+//   solver/iterations  solver/residual  solver/converged (0/1)
+//   tissue/kinetic_energy_J  tissue/elastic_energy_J  tissue/max_displacement_m  tissue/max_speed_m_s
+//   tissue/alive_tets
+//   stage/<contacts|assembly|solve|update>_s  stage/total_s      wall clock, from the caller
+//   tools/<i>/contact_force_N [3]   contact_torque_N_m [3]  tissue_force_N [3]       (i from 0)
+//             coupling_force_N [3]  coupling_torque_N_m [3] displayed_force_N [3]  displayed_torque_N_m [3]
+//             max_penetration_m  contacts  dropped_contacts  min_push_N
+//             position_m [3]  orientation [4]  linear_momentum_kg_m_s [3]  angular_momentum_kg_m2_s [3]
+//   device/<i>/<field of DeviceSample>   sequence  time_s  interval_s  position_m [3]  orientation [4]
+//             linear_velocity_m_s [3]  angular_velocity_rad_s [3]  linear_velocity_valid
+//             angular_velocity_valid docked  buttons  force_sent_N [3]  motor_temperature
+struct Series {
+  std::string unit;  // "" for plain numbers
+  int components = 1;
+  std::vector<double> values;  // [steps*components]
+};
+
+struct SolverErrorSample {
+  std::int64_t step = 0;  // number of the step that was measured
+  double error = 0;       // relative, of measure_solver_error
+};
+
+struct RunEvent {
+  std::int64_t step = 0;
+  std::string text;
+};
+
+// A state to look at. step: steps done (0 = before the first).
+struct Frame {
+  std::int64_t step = 0;
+  double time_s = 0;
+  std::vector<double> positions;    // [3*nodes], m
+  std::vector<double> tool_poses;   // [7*tools]
+  std::vector<std::uint8_t> alive;  // [tets]
+  std::vector<double> stress_Pa;    // [tets], max_principal_stress; NaN in frames written without
+};
+
+struct RunData {
+  RunHeader header;
+  std::int64_t steps = 0;
+  std::vector<DeviceSample> samples;  // [steps*tools], step-major, exact
+  std::map<std::string, Series> series;
+  std::vector<std::string> field_names;     // of the state
+  std::vector<std::uint64_t> fingerprints;  // [steps+1], chain; entry n: after n steps
+  std::vector<std::uint64_t> field_hashes;  // [(steps+1)*fields], step-major
+  std::vector<SolverErrorSample> solver_errors;
+  std::vector<Frame> frames;
+  State final_state;
+  std::map<std::string, double>
+      numbers;  // "cells", "mesh_pieces", "voxel_pieces", "inverted_elements_at_end", ...
+  std::vector<std::string> warnings;
+  std::vector<RunEvent> events;
+
+  std::uint64_t fingerprint() const { return fingerprints.empty() ? 0 : fingerprints.back(); }
+  const Series* find(const std::string& name) const;  // nullptr if not recorded
+};
+
+// Writes a recording while the run goes on: to `path` + ".part", renamed to `path` by finish(). Keeps at most
+// some hundred steps in memory. All members throw EnvironmentError with the place and the remedy if the disk
+// is full, the place cannot be written to, or HDF5 fails; afterwards the writer only refuses. Without
+// finish() nothing stands under the final name; what was written stays under partial_path() (not sealed:
+// read_run refuses it and says so).
+class RunWriter {
+ public:
+  // initial: the state before the first step; its hash is the first link of the chain. An existing file is
+  // replaced at finish(). Throws InputError if the header contradicts itself or the state.
+  RunWriter(std::filesystem::path path, const RunHeader& header, const State& initial);
+  ~RunWriter();
+  RunWriter(const RunWriter&) = delete;
+  RunWriter& operator=(const RunWriter&) = delete;
+
+  // One step that was done: the samples it was given [tools], its report, the state after it, and the
+  // wall-clock seconds of its stages [stage_count] and of all of it (0 where not measured; never part of the
+  // fingerprint).
+  void write_step(std::span<const DeviceSample> samples, const StepReport& report, const State& state,
+                  std::span<const double> stage_s, double total_s);
+  void write_frame(const State& state, double time_s, std::span<const double> stress_Pa = {});
+  void write_solver_error(std::int64_t step, double error);
+  void add_warning(const std::string& text);
+  void add_event(std::int64_t step, const std::string& text);
+  void set_number(const std::string& name, double value);
+
+  void finish(const State& final_state);
+
+  std::uint64_t fingerprint() const;  // of the steps so far
+  const std::filesystem::path& partial_path() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Reads a finished recording. Throws InputError, which says what is wrong, if the file is missing, not a
+// recording, of another format version, unfinished, cut, damaged (its seal does not fit its bytes), or if its
+// arrays contradict each other. Never allocates more than about a thousand times the file's size.
+RunData read_run(const std::filesystem::path& path);
+
+// Writes the seal (length and XXH3 of all bytes) into the user block of a recording. finish() does this; a
+// program that edits a recording on purpose has to do it again.
+void seal_recording(const std::filesystem::path& path);
+
+}  // namespace sulcus
