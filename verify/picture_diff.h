@@ -1,0 +1,25 @@
+// Two pictures compared as an eye would: distance of colours in CIELAB (CIE 1976 Delta E, white point D65),
+// where about 2.3 is a just noticeable difference.
+#pragma once
+
+#include "verify/png.h"
+
+namespace sulcus {
+
+struct PictureDifference {
+  double differing_fraction = 0;  // of the pixels whose distance exceeds the threshold, 0..1
+  double max_distance = 0;        // largest Delta E of a pixel
+  double mean_distance = 0;       // Delta E, over all pixels
+};
+
+// CIE 1976 Delta E of two sRGB colours; 0 for equal ones, 100 from black to white.
+double colour_distance(const std::uint8_t* rgb_a, const std::uint8_t* rgb_b);
+
+// Throws InputError if the sizes differ, with both sizes.
+PictureDifference compare_pictures(const Image& a, const Image& b, double threshold);
+
+// Grey copy of `a` on which the distance to `b` glows, from the threshold (dark red) to 4 thresholds
+// (yellow).
+Image difference_picture(const Image& a, const Image& b, double threshold);
+
+}  // namespace sulcus
