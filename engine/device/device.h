@@ -1,7 +1,7 @@
 // What a haptic device is. No implementation here: see device_sim/ and hw_phantom/.
 //
-// Frame: right-handed world frame of the scene, metres; orientation is body -> world, quaternion order (s, x, y, z).
-// A back-end converts from its own units and frame before it hands a sample over.
+// Frame: right-handed world frame of the scene, metres; orientation is body -> world, quaternion order (s, x,
+// y, z). A back-end converts from its own units and frame before it hands a sample over.
 #pragma once
 
 #include <cstdint>
@@ -15,19 +15,19 @@ namespace sulcus {
 
 // One atomic snapshot of the device at a servo tick. Plain data; all that the engine ever sees of a device.
 struct DeviceSample {
-  std::uint64_t sequence = 0;       // tick number, from 0
-  double time_s = 0;                // s, monotonic, from the start of the session
-  double interval_s = 0;            // s, measured since the tick before
-  Vec3 position = Vec3::Zero();     // m, of the stylus' reference point
-  Quaternion orientation;           // unit, body -> world
+  std::uint64_t sequence = 0;            // tick number, from 0
+  double time_s = 0;                     // s, monotonic, from the start of the session
+  double interval_s = 0;                 // s, measured since the tick before
+  Vec3 position = Vec3::Zero();          // m, of the stylus' reference point
+  Quaternion orientation;                // unit, body -> world
   Vec3 linear_velocity = Vec3::Zero();   // m/s
   Vec3 angular_velocity = Vec3::Zero();  // rad/s, world axes
   bool linear_velocity_valid = false;
   bool angular_velocity_valid = false;
-  bool docked = false;              // stylus in its inkwell
-  std::uint32_t buttons = 0;        // bit b: button b is down
-  Vec3 force_sent = Vec3::Zero();   // N, what the device was last told to render
-  double motor_temperature = 0;     // share of the allowed range, 0..1; 0 where unknown
+  bool docked = false;             // stylus in its inkwell
+  std::uint32_t buttons = 0;       // bit b: button b is down
+  Vec3 force_sent = Vec3::Zero();  // N, what the device was last told to render
+  double motor_temperature = 0;    // share of the allowed range, 0..1; 0 where unknown
 };
 
 // What the device is asked to render until the expiry time; afterwards it renders nothing.
@@ -38,18 +38,24 @@ struct DeviceCommand {
 };
 
 struct DeviceCapabilities {
-  std::string model;              // "scripted", "Phantom Omni", ...
+  std::string model;  // "scripted", "Phantom Omni", ...
   bool renders_force = false;
   bool renders_torque = false;
-  double servo_rate_Hz = 0;       // ticks a second
-  double max_force_N = 0;         // N, 0 = no limit known
-  double max_torque_N_m = 0;      // N m
+  double servo_rate_Hz = 0;   // ticks a second
+  double max_force_N = 0;     // N, 0 = no limit known
+  double max_torque_N_m = 0;  // N m
 };
 
 enum class DeviceState { closed, open, calibrated, armed, running, faulted };
 enum class DeviceError { none, recoverable, fatal, ended };
 
+constexpr const char* state_name(DeviceState state) {
+  constexpr const char* names[] = {"closed", "open", "calibrated", "armed", "running", "faulted"};
+  return names[static_cast<int>(state)];
+}
+
 // Life: closed -open()-> open -calibrate()-> calibrated -arm()-> armed -read()-> running -close()-> closed.
+// open(), calibrate() and arm() out of this order throw EnvironmentError; read() before arm() gives fatal.
 // Any fatal error leads to faulted, where force is zero; only close() leads out of it.
 class Device {
  public:
