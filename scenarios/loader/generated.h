@@ -7,14 +7,15 @@
 
 namespace sulcus {
 
-// The cylinder of thesis 2.7.3 and 5.3.5, axis along z. The half x < 0 is segment 1; the half x > 0 is cut at
-// y = 0 into segment 2 (y > 0) and segment 3 (y < 0), which touch along a plane: separation pair {2, 3}.
+// The cylinder of thesis 2.7.3 and 5.3.5, axis along x. The back half y < 0 is segment 1; the front half is
+// cut at z = 0 into segment 2 (z > 0) and segment 3 (z < 0), which touch along a plane: separation pair {2,
+// 3}.
 struct CylinderThreeSegments {
   double diameter_m = 0.076;   // m
-  double length_m = 0.020;     // m, along z
+  double length_m = 0.020;     // m, along x
   double voxel_size_m = 1e-3;  // m
-  double gap_m = 0;            // m, width of the empty slit between segments 2 and 3 ...
-  double gap_from_x_m = 0;     // m, ... where x > gap_from_x_m; 0 = the whole front half
+  double gap_m = 0;            // m, the voxels of segment 2 with 0 < z < gap are empty ...
+  double gap_from_y_m = 0;     // m, ... where y > gap_from_y_m; 0 = the whole front half
 };
 
 // A block of one segment.

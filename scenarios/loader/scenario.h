@@ -15,7 +15,6 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <variant>
 #include <vector>
@@ -122,13 +121,13 @@ struct Scenario {
 // pointer may name a key that the file leaves out but the format knows. Throws InputError: no such file, JSON
 // syntax (line and column), every violation of the schema (pointer, found, expected, nearest known key),
 // values that cannot be simulated, missing label map.
-Scenario load_scenario(const std::filesystem::path& path, std::span<const std::string> overrides = {});
+Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides = {});
 
 // The same from text, as a recording keeps it. `place` names it in messages; relative file names are looked
 // up in `directory`.
 Scenario load_scenario_text(const std::string& text, const std::string& place,
                             const std::filesystem::path& directory,
-                            std::span<const std::string> overrides = {});
+                            const std::vector<std::string>& overrides = {});
 
 // The label map with its operations done. Throws InputError.
 LabelMap load_label_map(const Scenario& scenario);
