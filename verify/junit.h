@@ -1,0 +1,19 @@
+// Checks as a JUnit file, which continuous-integration services show.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "verify/check.h"
+
+namespace sulcus {
+
+// One test suite, one test case a check (classname: its kind); failed ones carry their detail. Valid XML 1.0
+// in UTF-8 whatever the texts hold: bytes that XML does not allow become '?'.
+std::string junit_xml(const std::string& suite, std::span<const Check> checks);
+
+// Writes it atomically. Throws EnvironmentError with the place and the remedy.
+void write_junit(const std::filesystem::path& path, const std::string& suite, std::span<const Check> checks);
+
+}  // namespace sulcus

@@ -1,0 +1,59 @@
+// Statements: what has to hold in every run, whatever its golden outputs say. A golden says "changed", a
+// statement says "wrong".
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "verify/check.h"
+#include "verify/recording.h"
+
+namespace sulcus {
+
+// Bounds of one scenario. A statement whose bound is not given is not made; one that is made and finds
+// nothing to compare fails.
+struct StatementBounds {
+  std::optional<double> max_penetration_m;      // m, of any contact of any tool at any step
+  std::optional<double> max_displayed_force_N;  // N, what the device can render
+  std::optional<double> max_solver_error;       // relative, of the steps that were measured
+  std::optional<double>
+      max_final_displacement_m;  // m, of any node from rest at the end, the tools being gone
+  std::optional<double> min_converged_share = 1.0;  // share of the steps that met the solver's tolerance
+  std::optional<double> max_energy_growth =
+      0.01;                       // share of the run's peak energy, see check "energy_at_rest"
+  bool contact_expected = true;   // whether a run without any contact is a failure (in scenes with a tool)
+  double rest_speed_m_s = 1e-4;   // m/s, at most: device and tool count as resting
+  double rest_spin_rad_s = 1e-2;  // rad/s, likewise
+};
+
+// The checks, in this order, kind "statement":
+//
+//   finite                every recorded number and the final state (stress of frames aside)
+//   force_balance         |contact_force + tissue_force| of every step, relative to the largest of both in
+//   the run,
+//                         at most 1e-9. Basis: both are sums of the same n contact forces, spread over four
+//                         nodes with weights of sum 1; their rounding differs by less than 8 n u sum|f|,
+//                         1e-11 sum|f| for n = 1e4; 1e-9 leaves a factor of 100 for forces that cancel each
+//                         other in the sum
+//   penetration           max_penetration_m
+//   pushing               min_push_N >= 0 at every step with contacts: a kept contact does not pull
+//   displayed_force       |displayed_force|
+//   pieces                numbers "mesh_pieces" == "voxel_pieces"
+//   inverted_elements     number "inverted_elements_at_end" == 0
+//   converged             share of converged steps
+//   solver_error          max over solver_errors
+//   energy_at_rest        see below
+//   final_displacement    tissue/max_displacement_m of the last step, no tool in contact then
+//
+// energy_at_rest: E(n) = kinetic energy at the end of step n + elastic energy at the start of step n+1, so
+// both of one moment. A step rests if every device and every tool moved since the step before by no more than
+// rest_speed * h and turned by no more than rest_spin * h (from the recorded poses, not from the velocities a
+// device claims; without tools every step rests). A window is a run of at least 3 resting steps. Within each
+// window E may rise above its lowest earlier value in that window by at most max_energy_growth * (peak of E
+// over the run). The share is not zero because the springs of the contacts and of the coupling, which E
+// leaves out, may hand to the tissue what they store; that is to the tissue's energy as the tissue's
+// stiffness is to theirs. Energies that grow by themselves grow exponentially and pass any share. Does not
+// hold where gravity does work on the tissue: leave its bound empty there.
+std::vector<Check> check_statements(const RunData& run, const StatementBounds& bounds);
+
+}  // namespace sulcus
