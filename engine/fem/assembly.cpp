@@ -1,0 +1,150 @@
+#include "engine/fem/assembly.h"
+
+#include <omp.h>
+
+#include "engine/numerics/team.h"
+
+namespace sulcus {
+
+template <class Real>
+SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa, int threads) {
+  SystemMatrix<Real> system;
+  const std::size_t padded = elements.nodes.size() / 4;
+  const auto nodes = static_cast<std::size_t>(sparsity.nodes);
+  const auto chunks = static_cast<std::size_t>(sparsity.chunks);
+  system.node_fields.assign(8 * nodes, Real(0));
+  system.records.assign(16 * padded, Real(0));
+  system.forces.assign(16 * padded, Real(0));
+  system.blocks.assign(12 * sparsity.edges.size(), Real(0));
+  system.node_terms.assign(16 * nodes, Real(0));
+  system.values.assign(9 * sparsity.block.size(), Real(0));
+  system.diagonal.assign(9 * 16 * chunks, Real(0));
+  system.inverse.assign(9 * 16 * chunks, Real(0));
+  system.kernels = fem_kernels<Real>(isa);
+  system.threads = threads;
+  return system;
+}
+
+namespace {
+
+template <class Real>
+const Real* rest_data(const ElementData& elements);
+template <>
+const float* rest_data<float>(const ElementData& elements) {
+  return elements.rest_single.data();
+}
+template <>
+const double* rest_data<double>(const ElementData& elements) {
+  return elements.rest_double.data();
+}
+
+}  // namespace
+
+template <class Real>
+void assemble_elements(const ElementData& elements, const Sparsity& sparsity, const StepCoefficients& coefficients,
+                       std::span<const Vec3> rest, std::span<const double> positions,
+                       std::span<const double> velocities, std::span<const std::uint8_t> alive,
+                       std::span<double> rotations, SystemMatrix<Real>& system) {
+  const double h = coefficients.step_s;
+  const double ahead = h + coefficients.damping.beta_s;
+  const double mass_scale = 1 + coefficients.damping.alpha_1_s * h;
+
+  ElementPass<Real> element_pass;
+  element_pass.count = elements.count;
+  element_pass.nodes = elements.nodes.data();
+  element_pass.rest = rest_data<Real>(elements);
+  element_pass.node_fields = system.node_fields.data();
+  element_pass.alive = alive.empty() ? nullptr : alive.data();
+  element_pass.rotations = rotations.data();
+  element_pass.records = system.records.data();
+  element_pass.forces = system.forces.data();
+
+  EdgePass<Real> edge_pass;
+  edge_pass.edge_start = sparsity.edge_start.data();
+  edge_pass.edge_items = sparsity.edge_items.data();
+  edge_pass.records = system.records.data();
+  edge_pass.scale = static_cast<Real>(coefficients.damping.beta_s * h + h * h);
+  edge_pass.blocks = system.blocks.data();
+
+  const std::int64_t blocks = static_cast<std::int64_t>(elements.nodes.size()) / (4 * ElementData::lanes);
+  const auto edges = static_cast<std::int64_t>(sparsity.edges.size());
+  SpinBarrier barrier(system.threads);
+#pragma omp parallel num_threads(system.threads)
+  {
+    const int thread = omp_get_thread_num();
+    const Range nodes = share(sparsity.nodes, thread, system.threads);
+    for (std::int64_t i = nodes.first; i < nodes.last; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      for (std::size_t d = 0; d < 3; ++d) {
+        const double displacement = positions[3 * n + d] - rest[n][static_cast<Eigen::Index>(d)];
+        system.node_fields[8 * n + d] = static_cast<Real>(displacement);
+        system.node_fields[8 * n + 4 + d] = static_cast<Real>(displacement + ahead * velocities[3 * n + d]);
+      }
+      Real* terms = &system.node_terms[16 * n];
+      const Real mass = static_cast<Real>(mass_scale * elements.node_mass[n]);
+      for (int k = 0; k < 9; ++k) terms[k] = k % 4 == 0 ? mass : Real(0);
+    }
+    barrier.wait();
+    const Range own_blocks = share(blocks, thread, system.threads);
+    system.kernels.element_pass(element_pass, own_blocks.first, own_blocks.last);
+    barrier.wait();
+    const Range own_edges = share(edges, thread, system.threads);
+    system.kernels.edge_pass(edge_pass, own_edges.first, own_edges.last);
+  }
+}
+
+template <class Real>
+void add_edge_block(SystemMatrix<Real>& system, std::int32_t edge, const Mat3& block) {
+  Real* to = &system.blocks[12 * static_cast<std::size_t>(edge)];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) to[4 * i + j] += static_cast<Real>(block(i, j));
+  }
+}
+
+template <class Real>
+void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_node, SystemMatrix<Real>& system) {
+  RowPass<Real> pass;
+  pass.node_of_slot = sparsity.node_of_slot.data();
+  pass.chunk_start = sparsity.chunk_start.data();
+  pass.block = sparsity.block.data();
+  pass.blocks = system.blocks.data();
+  pass.node_terms = system.node_terms.data();
+  pass.free_node = free_node.data();
+  pass.values = system.values.data();
+  pass.diagonal = system.diagonal.data();
+  pass.inverse = system.inverse.data();
+#pragma omp parallel num_threads(system.threads)
+  {
+    const Range own = share(sparsity.chunks, omp_get_thread_num(), system.threads);
+    system.kernels.row_pass(pass, own.first, own.last);
+  }
+}
+
+template <class Real>
+void elastic_forces(const ElementData& elements, const SystemMatrix<Real>& system, std::span<double> forces) {
+  const auto count = static_cast<std::int64_t>(elements.node_mass.size());
+#pragma omp parallel for num_threads(system.threads) schedule(static)
+  for (std::int64_t i = 0; i < count; ++i) {
+    const auto n = static_cast<std::size_t>(i);
+    Real sum[3] = {};
+    for (std::int32_t k = elements.incident_start[n]; k < elements.incident_start[n + 1]; ++k) {
+      const Real* force = &system.forces[4 * static_cast<std::size_t>(elements.incident[static_cast<std::size_t>(k)])];
+      for (int d = 0; d < 3; ++d) sum[d] += force[d];
+    }
+    for (std::size_t d = 0; d < 3; ++d) forces[3 * n + d] = static_cast<double>(sum[d]);
+  }
+}
+
+#define SULCUS_INSTANTIATE(Real)                                                                                    \
+  template SystemMatrix<Real> make_system_matrix<Real>(const ElementData&, const Sparsity&, Isa, int);              \
+  template void assemble_elements<Real>(const ElementData&, const Sparsity&, const StepCoefficients&,               \
+                                        std::span<const Vec3>, std::span<const double>, std::span<const double>,    \
+                                        std::span<const std::uint8_t>, std::span<double>, SystemMatrix<Real>&);     \
+  template void add_edge_block<Real>(SystemMatrix<Real>&, std::int32_t, const Mat3&);                               \
+  template void finish_rows<Real>(const Sparsity&, std::span<const std::uint8_t>, SystemMatrix<Real>&);             \
+  template void elastic_forces<Real>(const ElementData&, const SystemMatrix<Real>&, std::span<double>);
+SULCUS_INSTANTIATE(float)
+SULCUS_INSTANTIATE(double)
+#undef SULCUS_INSTANTIATE
+
+}  // namespace sulcus

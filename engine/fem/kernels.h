@@ -1,0 +1,65 @@
+// The hot loops of the assembly, compiled once for each instruction set (engine/numerics/isa.h). Raw arrays only;
+// the callers are in fem/assembly.cpp. Real is float or double.
+//
+// Symmetric system of one backward Euler step, increments dv of the velocities (equations.md 2.3):
+//   A dv = b,  A = (1 + alpha h) M + (beta h + h^2) K,  b = h (-f_elastic(x + (h + beta) v) - alpha M v + f_ext)
+// With h_a = R g_a (g_a: gradient of shape function a in the rest shape) the block of corners a, b is
+//   K_ab = V [lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)].
+#pragma once
+
+#include <cstdint>
+
+#include "engine/numerics/isa.h"
+
+namespace sulcus {
+
+template <class Real>
+struct ElementPass {
+  std::int64_t count = 0;                // elements
+  const std::int32_t* nodes = nullptr;   // ElementData::nodes
+  const Real* rest = nullptr;            // ElementData::rest_*
+  const Real* node_fields = nullptr;     // [8*nodes] displacement (m) of x and of x + (h + beta) v, each padded to 4
+  const std::uint8_t* alive = nullptr;   // [elements]; nullptr: all are
+  double* rotations = nullptr;           // [4*elements] in: warm start, out: rotation of x
+  Real* records = nullptr;               // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
+  Real* forces = nullptr;                // [16*...] elastic force (N) on corners 0..3, each padded to 4
+};
+
+template <class Real>
+struct EdgePass {
+  const std::int32_t* edge_start = nullptr;
+  const std::int32_t* edge_items = nullptr;
+  const Real* records = nullptr;
+  Real scale = 0;          // beta h + h^2
+  Real* blocks = nullptr;  // [12*edges] block (a, b) of scale * K, row major, rows padded to 4
+};
+
+template <class Real>
+struct RowPass {
+  const std::int32_t* node_of_slot = nullptr;
+  const std::int32_t* chunk_start = nullptr;
+  const std::int32_t* block = nullptr;
+  const Real* blocks = nullptr;
+  const Real* node_terms = nullptr;   // [16*nodes] added to the diagonal block (9, row major, last 7 unused)
+  const std::uint8_t* free_node = nullptr;  // [nodes] 1: moves, 0: held
+  Real* values = nullptr;             // [entries*9*16] planes of 16 lanes
+  Real* diagonal = nullptr;           // [chunks*9*16]
+  Real* inverse = nullptr;            // [chunks*9*16] inverse of the diagonal block; 0 for held nodes and padding
+};
+
+template <class Real>
+struct FemKernels {
+  void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
+  void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_edge, std::int64_t last_edge) = nullptr;
+  void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
+};
+
+template <class Real>
+FemKernels<Real> fem_kernels(Isa isa);
+
+namespace detail {
+// Where the Newton steps of a kernel lane did not converge. f: row major 3x3, q: (s,x,y,z) in and out.
+void polar_rotation_fallback(const double* f, double* q);
+}  // namespace detail
+
+}  // namespace sulcus

@@ -1,0 +1,120 @@
+#include "engine/fem/sparsity.h"
+
+#include <algorithm>
+
+namespace sulcus {
+namespace {
+
+struct EdgeUse {
+  std::int32_t low, high, item, place;  // place: tet*6 + edge of the tetrahedron
+};
+
+constexpr int corner_pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+
+void collect_edges(const EmbeddingMesh& mesh, Sparsity& s) {
+  std::vector<EdgeUse> uses;
+  uses.reserve(mesh.tets.size() * 6);
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    for (int k = 0; k < 6; ++k) {
+      int a = corner_pairs[k][0], b = corner_pairs[k][1];
+      if (mesh.tets[e][a] > mesh.tets[e][b]) std::swap(a, b);
+      const auto element = static_cast<std::int32_t>(e);
+      uses.push_back({mesh.tets[e][a], mesh.tets[e][b], element * 16 + a * 4 + b, element * 6 + k});
+    }
+  }
+  std::sort(uses.begin(), uses.end(), [](const EdgeUse& a, const EdgeUse& b) {
+    if (a.low != b.low) return a.low < b.low;
+    if (a.high != b.high) return a.high < b.high;
+    return a.item < b.item;
+  });
+  s.tet_edges.resize(mesh.tets.size() * 6);
+  for (const EdgeUse& use : uses) {
+    if (s.edges.empty() || s.edges.back()[0] != use.low || s.edges.back()[1] != use.high) {
+      s.edges.push_back({use.low, use.high});
+      s.edge_start.push_back(static_cast<std::int32_t>(s.edge_items.size()));
+    }
+    s.edge_items.push_back(use.item);
+    s.tet_edges[static_cast<std::size_t>(use.place)] = static_cast<std::int32_t>(s.edges.size()) - 1;
+  }
+  s.edge_start.push_back(static_cast<std::int32_t>(s.edge_items.size()));
+}
+
+}  // namespace
+
+Sparsity build_sparsity(const EmbeddingMesh& mesh) {
+  Sparsity s;
+  collect_edges(mesh, s);
+  s.nodes = static_cast<std::int64_t>(mesh.rest_positions.size());
+  const auto nodes = static_cast<std::size_t>(s.nodes);
+
+  // neighbours of each node, ascending by node
+  struct Neighbour {
+    std::int32_t node, block;
+  };
+  std::vector<std::int32_t> start(nodes + 1, 0);
+  for (const auto& edge : s.edges) {
+    ++start[static_cast<std::size_t>(edge[0]) + 1];
+    ++start[static_cast<std::size_t>(edge[1]) + 1];
+  }
+  for (std::size_t i = 0; i < nodes; ++i) start[i + 1] += start[i];
+  std::vector<Neighbour> neighbours(s.edges.size() * 2);
+  std::vector<std::int32_t> next(start.begin(), start.end() - 1);
+  const auto add = [&](std::int32_t node, Neighbour neighbour) {
+    neighbours[static_cast<std::size_t>(next[static_cast<std::size_t>(node)]++)] = neighbour;
+  };
+  for (std::size_t e = 0; e < s.edges.size(); ++e) {  // rows with smaller neighbours first: edges are sorted
+    add(s.edges[e][1], {s.edges[e][0], static_cast<std::int32_t>(e) * 2 + 1});
+  }
+  for (std::size_t e = 0; e < s.edges.size(); ++e) {
+    add(s.edges[e][0], {s.edges[e][1], static_cast<std::int32_t>(e) * 2});
+  }
+
+  constexpr std::int64_t rows = Sparsity::chunk_rows;
+  s.chunks = (s.nodes + rows - 1) / rows;
+  s.node_of_slot.assign(static_cast<std::size_t>(s.chunks * rows), -1);
+  s.slot_of_node.resize(nodes);
+  const auto length = [&](std::int32_t node) {
+    return start[static_cast<std::size_t>(node) + 1] - start[static_cast<std::size_t>(node)];
+  };
+  for (std::int64_t first = 0; first < s.nodes; first += Sparsity::window_rows) {
+    const std::int64_t last = std::min<std::int64_t>(first + Sparsity::window_rows, s.nodes);
+    std::vector<std::int32_t> window;
+    for (std::int64_t node = first; node < last; ++node) window.push_back(static_cast<std::int32_t>(node));
+    std::stable_sort(window.begin(), window.end(),
+                     [&](std::int32_t a, std::int32_t b) { return length(a) > length(b); });
+    for (std::size_t k = 0; k < window.size(); ++k) {
+      const auto slot = static_cast<std::size_t>(first) + k;
+      s.node_of_slot[slot] = window[k];
+      s.slot_of_node[static_cast<std::size_t>(window[k])] = static_cast<std::int32_t>(slot);
+    }
+  }
+
+  const auto offset = [&](std::int32_t node) {
+    const std::int64_t slot = s.slot_of_node[static_cast<std::size_t>(node)];
+    return static_cast<std::int32_t>(slot / rows * 3 * rows + slot % rows);
+  };
+  s.chunk_start.push_back(0);
+  for (std::int64_t chunk = 0; chunk < s.chunks; ++chunk) {
+    std::int32_t longest = 0;
+    for (std::int64_t l = 0; l < rows; ++l) {
+      const std::int32_t node = s.node_of_slot[static_cast<std::size_t>(chunk * rows + l)];
+      if (node >= 0) longest = std::max(longest, length(node));
+    }
+    for (std::int32_t k = 0; k < longest; ++k) {
+      for (std::int64_t l = 0; l < rows; ++l) {
+        const std::int32_t node = s.node_of_slot[static_cast<std::size_t>(chunk * rows + l)];
+        const bool present = node >= 0 && k < length(node);
+        const Neighbour neighbour =
+            present ? neighbours[static_cast<std::size_t>(start[static_cast<std::size_t>(node)] + k)]
+                    : Neighbour{-1, -1};
+        // padding reads the chunk's own entry and multiplies it by zero
+        s.column.push_back(present ? offset(neighbour.node) : static_cast<std::int32_t>(chunk * 3 * rows + l));
+        s.block.push_back(neighbour.block);
+      }
+    }
+    s.chunk_start.push_back(s.chunk_start.back() + longest);
+  }
+  return s;
+}
+
+}  // namespace sulcus

@@ -1,0 +1,171 @@
+#include "engine/solver/conjugate_gradients.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/numerics/team.h"
+
+namespace sulcus {
+
+namespace isa_sse2 {
+template <class Real>
+SolverKernels<Real> solver_table();
+}
+namespace isa_avx2 {
+template <class Real>
+SolverKernels<Real> solver_table();
+}
+namespace isa_avx512 {
+template <class Real>
+SolverKernels<Real> solver_table();
+}
+
+template <class Real>
+SolverKernels<Real> solver_kernels(Isa isa) {
+  switch (isa) {
+    case Isa::avx512: return isa_avx512::solver_table<Real>();
+    case Isa::avx2: return isa_avx2::solver_table<Real>();
+    case Isa::sse2: break;
+  }
+  return isa_sse2::solver_table<Real>();
+}
+
+template <class Real>
+SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, int threads) {
+  SolverWorkspace<Real> workspace;
+  const auto size = static_cast<std::size_t>(sparsity.chunks) * 48;
+  for (auto* vector : {&workspace.b, &workspace.x, &workspace.r, &workspace.z, &workspace.p, &workspace.q}) {
+    vector->assign(size, Real(0));
+  }
+  const auto blocks = static_cast<std::size_t>((sparsity.chunks + chunks_per_block - 1) / chunks_per_block);
+  workspace.pq.assign(blocks, 0.0);
+  workspace.rz.assign(blocks, 0.0);
+  workspace.kernels = solver_kernels<Real>(isa);
+  workspace.threads = threads;
+  return workspace;
+}
+
+namespace {
+
+double ordered_sum(const std::vector<double>& sums) {
+  double sum = 0;
+  for (double s : sums) sum += s;
+  return sum;
+}
+
+// y = C^-1 B^T p; returns p . B y.
+template <class Real>
+double border_product(const ToolBorder<Real>& border, const Real* p, std::array<double, 6>& y) {
+  std::array<double, 6> t{};
+  for (const auto& row : border.rows) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double pi = static_cast<double>(p[row.offset + static_cast<std::int64_t>(16 * i)]);
+      for (std::size_t k = 0; k < 6; ++k) t[k] += static_cast<double>(row.b[6 * i + k]) * pi;
+    }
+  }
+  double product = 0;
+  for (std::size_t i = 0; i < 6; ++i) {
+    y[i] = 0;
+    for (std::size_t k = 0; k < 6; ++k) y[i] += border.inverse[6 * i + k] * t[k];
+    product += y[i] * t[i];
+  }
+  return product;
+}
+
+template <class Real>
+void subtract_border(const ToolBorder<Real>& border, const std::array<double, 6>& y, Range chunks, Real* q) {
+  for (const auto& row : border.rows) {
+    if (row.chunk < chunks.first || row.chunk >= chunks.last) continue;
+    for (std::size_t i = 0; i < 3; ++i) {
+      double sum = 0;
+      for (std::size_t k = 0; k < 6; ++k) sum += static_cast<double>(row.b[6 * i + k]) * y[k];
+      q[row.offset + static_cast<std::int64_t>(16 * i)] -= static_cast<Real>(sum);
+    }
+  }
+}
+
+}  // namespace
+
+template <class Real>
+SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
+                                double tolerance, double floor, int max_iterations,
+                                SolverWorkspace<Real>& workspace) {
+  SolveResult result;
+  const auto& kernels = workspace.kernels;
+  const auto blocks = static_cast<std::int64_t>(workspace.rz.size());
+  Real* x = workspace.x.data();
+  Real* r = workspace.r.data();
+  Real* z = workspace.z.data();
+  Real* p = workspace.p.data();
+  Real* q = workspace.q.data();
+  SpinBarrier barrier(workspace.threads);
+
+#pragma omp parallel num_threads(workspace.threads)
+  {
+    const int thread = omp_get_thread_num();
+    const Range own = share(blocks, thread, workspace.threads);
+    const Range own_chunks{own.first * chunks_per_block, own.last * chunks_per_block};
+    const std::int64_t first = own_chunks.first * 48;
+    const std::int64_t last = std::min(own_chunks.last, matrix.chunks) * 48;
+    for (std::int64_t i = first; i < last; ++i) {
+      x[i] = p[i] = q[i] = Real(0);
+      r[i] = workspace.b[static_cast<std::size_t>(i)];
+    }
+    kernels.advance(matrix, Real(0), p, q, x, r, z, workspace.rz.data(), own.first, own.last);  // z = D^-1 b
+    kernels.direct(matrix, Real(0), z, p, own.first, own.last);                                 // p = z
+    barrier.wait();
+
+    double rz = ordered_sum(workspace.rz);
+    const double start = std::sqrt(rz);
+    const double goal = std::fmax(tolerance * start, floor);
+    int iteration = 0;
+    bool broken = !std::isfinite(rz);
+    while (!broken && std::sqrt(rz) > goal && iteration < max_iterations) {
+      std::array<double, 6> y;
+      double border_term = 0;
+      kernels.multiply(matrix, p, q, workspace.pq.data(), own.first, own.last);
+      for (const auto& border : borders) {
+        border_term += border_product(border, p, y);
+        subtract_border(border, y, own_chunks, q);
+      }
+      barrier.wait();
+      const double pq = ordered_sum(workspace.pq) - border_term;
+      if (!(pq > 0) || !std::isfinite(pq)) {
+        broken = true;
+        break;
+      }
+      const double alpha = rz / pq;
+      kernels.advance(matrix, static_cast<Real>(alpha), p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+      barrier.wait();
+      const double rz_new = ordered_sum(workspace.rz);
+      ++iteration;
+      if (!std::isfinite(rz_new)) {
+        broken = true;
+        break;
+      }
+      kernels.direct(matrix, static_cast<Real>(rz_new / rz), z, p, own.first, own.last);
+      rz = rz_new;
+      barrier.wait();
+    }
+    if (thread == 0) {
+      result.iterations = iteration;
+      result.residual = start > 0 ? std::sqrt(rz) / start : 0;
+      result.converged = !broken && std::sqrt(rz) <= goal;
+      result.broken = broken;
+    }
+  }
+  return result;
+}
+
+#define SULCUS_INSTANTIATE(Real)                                                                           \
+  template SolverKernels<Real> solver_kernels<Real>(Isa);                                                  \
+  template SolverWorkspace<Real> make_solver_workspace<Real>(const Sparsity&, Isa, int);                   \
+  template SolveResult conjugate_gradients<Real>(const RowMatrix<Real>&, const std::vector<ToolBorder<Real>>&, \
+                                                 double, double, int, SolverWorkspace<Real>&);
+SULCUS_INSTANTIATE(float)
+SULCUS_INSTANTIATE(double)
+#undef SULCUS_INSTANTIATE
+
+}  // namespace sulcus
