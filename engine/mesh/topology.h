@@ -12,7 +12,7 @@
 namespace sulcus {
 
 struct Pieces {
-  std::vector<std::int32_t> piece;      // [items] number of the piece, -1 for items that are in none
+  std::vector<std::int32_t> piece;       // [items] number of the piece, -1 for items that are in none
   std::vector<std::int64_t> item_count;  // [pieces]; pieces are numbered by their first item
 };
 

@@ -1,10 +1,10 @@
-// Distance of every voxel centre to the boundary of its segment, in rest coordinates (thesis 5.3.2, without its
-// half-voxel bias and one-sided at closed fissures: equations.md 7.12).
+// Distance of every voxel centre to the boundary of its segment, in rest coordinates (thesis 5.3.2, without
+// its half-voxel bias and one-sided at closed fissures: equations.md 7.12).
 //
-// The boundary is made of voxel faces: between a labelled and an empty voxel (or the outside of the image), and
-// between two voxels whose labels form a separation pair. The distance is the exact Euclidean distance [m] from
-// the voxel's centre to the nearest boundary face, always positive (the sign is a matter of the side from which
-// one looks: see sample_distance).
+// The boundary is made of voxel faces: between a labelled and an empty voxel (or the outside of the image),
+// and between two voxels whose labels form a separation pair. The distance is the exact Euclidean distance
+// [m] from the voxel's centre to the nearest boundary face, always positive (the sign is a matter of the side
+// from which one looks: see sample_distance).
 #pragma once
 
 #include <vector>
@@ -28,11 +28,11 @@ struct DistanceSample {
   Vec3 gradient = Vec3::Zero();  // world axes, not normalised, points out of the segment; zero if undefined
 };
 
-// Trilinear interpolation over the 8 voxel centres around `point_voxel` (voxel coordinates). A voxel of these 8
-// counts as inside (-distance) if it can be reached from `home` within the 8 through connected faces, else as
-// outside (+distance), so that the gradient does not vanish at a closed fissure.
-// Precondition: `home` is a labelled voxel. If `home` is not one of the 8 voxels, the nearest labelled one of the
-// 8 that the map connects with it takes its place; with none, the distance is positive.
+// Trilinear interpolation over the 8 voxel centres around `point_voxel` (voxel coordinates). A voxel of these
+// 8 counts as inside (-distance) if it can be reached from `home` within the 8 through connected faces, else
+// as outside (+distance), so that the gradient does not vanish at a closed fissure. Precondition: `home` is a
+// labelled voxel. If `home` is not one of the 8 voxels, the nearest labelled one of the 8 that the map
+// connects with it takes its place; with none, the distance is positive.
 DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
                                const Vec3& point_voxel, std::size_t home);
 

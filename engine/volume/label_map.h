@@ -20,7 +20,8 @@ struct LabelMap {
   std::size_t index(int i, int j, int k) const {
     return static_cast<std::size_t>(i) +
            static_cast<std::size_t>(size[0]) *
-               (static_cast<std::size_t>(j) + static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k));
+               (static_cast<std::size_t>(j) +
+                static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k));
   }
 
   // World position [m] of a point given in voxel coordinates (voxel centres at whole numbers), and back.
@@ -29,5 +30,9 @@ struct LabelMap {
     return (direction.transpose() * (world - origin)).cwiseQuotient(spacing);
   }
 };
+
+// Throws InputError unless every side has a voxel, the voxels number at most 2^31-1 and as many as labels,
+// the spacing lies between 0.001 and 1000 mm, the origin is finite and the direction orthonormal (to 1e-4).
+void check_label_map(const LabelMap& map);
 
 }  // namespace sulcus

@@ -1,5 +1,5 @@
-// Separation label pairs (thesis 2.4): two touching voxels whose labels form a pair are not connected, so that a
-// closed fissure between two segments can open.
+// Separation label pairs (thesis 2.4): two touching voxels whose labels form a pair are not connected, so
+// that a closed fissure between two segments can open.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,9 @@ struct SeparationPairs {
   bool contains(std::int32_t a, std::int32_t b) const;
 
   // Whether two face-neighbouring voxels with labels a and b belong together: both non-empty, and no pair.
-  bool connected(std::int32_t a, std::int32_t b) const { return a != 0 && b != 0 && (a == b || !contains(a, b)); }
+  bool connected(std::int32_t a, std::int32_t b) const {
+    return a != 0 && b != 0 && (a == b || !contains(a, b));
+  }
 };
 
 // Orders, sorts and removes duplicates. Throws InputError for a pair of equal labels or with label 0.

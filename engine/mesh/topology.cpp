@@ -1,0 +1,83 @@
+#include "engine/mesh/topology.h"
+
+#include <numeric>
+
+#include "engine/volume/voxel_links.h"
+
+namespace sulcus {
+
+namespace {
+
+// Disjoint sets whose root is their smallest member.
+class Sets {
+ public:
+  explicit Sets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0); }
+
+  std::int32_t root(std::int32_t n) {
+    while (parent_[n] != n) n = parent_[n] = parent_[parent_[n]];
+    return n;
+  }
+
+  void unite(std::int32_t a, std::int32_t b) {
+    a = root(a);
+    b = root(b);
+    if (a < b) parent_[b] = a;
+    if (b < a) parent_[a] = b;
+  }
+
+ private:
+  std::vector<std::int32_t> parent_;
+};
+
+}  // namespace
+
+Pieces voxel_pieces(const LabelMap& map, const SeparationPairs& pairs) {
+  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  const auto count = static_cast<std::int32_t>(map.voxel_count());
+  const std::int32_t row = map.size[0], plane = map.size[0] * map.size[1];
+  Sets sets(map.voxel_count());
+  for (std::int32_t v = 0; v < count; ++v) {
+    if (links[v] & link_i) sets.unite(v, v + 1);
+    if (links[v] & link_j) sets.unite(v, v + row);
+    if (links[v] & link_k) sets.unite(v, v + plane);
+  }
+  Pieces pieces;
+  pieces.piece.assign(map.voxel_count(), -1);
+  for (std::int32_t v = 0; v < count; ++v) {
+    if (!(links[v] & voxel_labelled)) continue;
+    const std::int32_t root = sets.root(v);
+    if (root == v) {
+      pieces.piece[v] = static_cast<std::int32_t>(pieces.item_count.size());
+      pieces.item_count.push_back(0);
+    }
+    pieces.piece[v] = pieces.piece[root];
+    ++pieces.item_count[pieces.piece[v]];
+  }
+  return pieces;
+}
+
+Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,
+                   std::span<const std::uint8_t> alive) {
+  Sets sets(static_cast<std::size_t>(node_count));
+  const auto skip = [&](std::size_t t) { return !alive.empty() && !alive[t]; };
+  for (std::size_t t = 0; t < tets.size(); ++t) {
+    if (skip(t)) continue;
+    for (int v = 1; v < 4; ++v) sets.unite(tets[t][0], tets[t][v]);
+  }
+  Pieces pieces;
+  pieces.piece.assign(tets.size(), -1);
+  std::vector<std::int32_t> piece_of_root(static_cast<std::size_t>(node_count), -1);
+  for (std::size_t t = 0; t < tets.size(); ++t) {
+    if (skip(t)) continue;
+    std::int32_t& piece = piece_of_root[sets.root(tets[t][0])];
+    if (piece < 0) {
+      piece = static_cast<std::int32_t>(pieces.item_count.size());
+      pieces.item_count.push_back(0);
+    }
+    pieces.piece[t] = piece;
+    ++pieces.item_count[piece];
+  }
+  return pieces;
+}
+
+}  // namespace sulcus

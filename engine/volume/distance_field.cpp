@@ -1,0 +1,39 @@
+#include "engine/volume/distance_field.h"
+
+#include <algorithm>
+
+#include "engine/volume/distance_transform.h"
+#include "engine/volume/voxel_links.h"
+
+namespace sulcus {
+
+namespace {
+
+std::vector<float> distance_to_border(const LabelMap& map) {
+  std::vector<float> distance(map.voxel_count());
+  for (int k = 0; k < map.size[2]; ++k) {
+    for (int j = 0; j < map.size[1]; ++j) {
+      for (int i = 0; i < map.size[0]; ++i) {
+        const Index3 at{i, j, k};
+        double nearest = 1e30;  // m
+        for (int a = 0; a < 3; ++a) {
+          nearest = std::min(nearest, (std::min(at[a], map.size[a] - 1 - at[a]) + 0.5) * map.spacing[a]);
+        }
+        distance[map.index(i, j, k)] = static_cast<float>(nearest);
+      }
+    }
+  }
+  return distance;
+}
+
+}  // namespace
+
+DistanceField build_distance_field(const LabelMap& map, const SeparationPairs& pairs) {
+  check_label_map(map);
+  const bool empty =
+      std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; });
+  if (empty) return {distance_to_border(map)};
+  return {face_distance(map.size, map.spacing, build_voxel_links(map, pairs))};
+}
+
+}  // namespace sulcus

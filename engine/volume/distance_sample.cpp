@@ -1,0 +1,172 @@
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "engine/volume/distance_field.h"
+
+namespace sulcus {
+
+namespace {
+
+constexpr int box_limit = 8192;  // voxels searched for a way from `home`, so that nothing is allocated
+
+struct Corner8 {
+  Index3 at[8];
+  std::int32_t label[8];  // 0 outside the image
+};
+
+bool inside_image(const LabelMap& map, const Index3& at) {
+  for (int a = 0; a < 3; ++a) {
+    if (at[a] < 0 || at[a] >= map.size[a]) return false;
+  }
+  return true;
+}
+
+Index3 voxel_at(const LabelMap& map, std::size_t index) {
+  const auto nx = static_cast<std::size_t>(map.size[0]), ny = static_cast<std::size_t>(map.size[1]);
+  return {static_cast<int>(index % nx), static_cast<int>(index / nx % ny),
+          static_cast<int>(index / (nx * ny))};
+}
+
+Corner8 corners_around(const LabelMap& map, const Index3& low) {
+  Corner8 corners;
+  for (int c = 0; c < 8; ++c) {
+    const Index3 at{low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)};
+    corners.at[c] = at;
+    corners.label[c] = inside_image(map, at) ? map.labels[map.index(at[0], at[1], at[2])] : 0;
+  }
+  return corners;
+}
+
+// Those of the 8 that connect with `start` within the 8, as bits.
+unsigned reach(const Corner8& corners, const SeparationPairs& pairs, int start) {
+  unsigned reached = 1U << start, front = reached;
+  while (front) {
+    const int c = __builtin_ctz(front);
+    front &= front - 1;
+    for (int bit = 1; bit < 8; bit <<= 1) {
+      const int other = c ^ bit;
+      if (!(reached >> other & 1U) && pairs.connected(corners.label[c], corners.label[other])) {
+        reached |= 1U << other;
+        front |= 1U << other;
+      }
+    }
+  }
+  return reached;
+}
+
+// Those of the 8 that connect with `home` within the smallest box of voxels that holds both, as bits.
+unsigned reach_from(const LabelMap& map, const SeparationPairs& pairs, const Corner8& corners,
+                    const Index3& home) {
+  Index3 low, size;
+  std::int64_t voxels = 1;
+  for (int a = 0; a < 3; ++a) {
+    low[a] = std::clamp(std::min(corners.at[0][a], home[a]), 0, map.size[a] - 1);
+    size[a] = std::clamp(std::max(corners.at[7][a], home[a]), 0, map.size[a] - 1) - low[a] + 1;
+    voxels *= size[a];
+    if (voxels > box_limit) return 0;
+  }
+  bool seen[box_limit];
+  std::memset(seen, 0, static_cast<std::size_t>(voxels));
+  std::uint16_t queue[box_limit];
+  const auto number = [&](const Index3& at) {
+    return (at[0] - low[0]) + size[0] * ((at[1] - low[1]) + size[1] * (at[2] - low[2]));
+  };
+  int end = 0;
+  queue[end++] = static_cast<std::uint16_t>(number(home));
+  seen[number(home)] = true;
+  for (int begin = 0; begin < end; ++begin) {
+    const int n = queue[begin];
+    const Index3 at{low[0] + n % size[0], low[1] + n / size[0] % size[1], low[2] + n / (size[0] * size[1])};
+    const std::int32_t label = map.labels[map.index(at[0], at[1], at[2])];
+    for (int a = 0; a < 3; ++a) {
+      for (int step = -1; step <= 1; step += 2) {
+        Index3 next = at;
+        next[a] += step;
+        if (next[a] < low[a] || next[a] >= low[a] + size[a] || seen[number(next)]) continue;
+        if (!pairs.connected(label, map.labels[map.index(next[0], next[1], next[2])])) continue;
+        seen[number(next)] = true;
+        queue[end++] = static_cast<std::uint16_t>(number(next));
+      }
+    }
+  }
+  unsigned reached = 0;
+  for (int c = 0; c < 8; ++c) {
+    if (corners.label[c] != 0 && seen[number(corners.at[c])]) reached |= 1U << c;
+  }
+  return reached;
+}
+
+// Distance [m] at a voxel centre, continued beyond the image: from the face of a labelled border voxel, else
+// as if the nearest boundary lay straight behind the border.
+double distance_at(const LabelMap& map, const DistanceField& field, const Index3& at) {
+  Index3 inside;
+  for (int a = 0; a < 3; ++a) inside[a] = std::clamp(at[a], 0, map.size[a] - 1);
+  const std::size_t voxel = map.index(inside[0], inside[1], inside[2]);
+  const double distance = field.distance[voxel];
+  if (inside == at) return distance;
+  const bool labelled = map.labels[voxel] != 0;
+  double square = labelled ? 0.0 : distance * distance;
+  for (int a = 0; a < 3; ++a) {
+    const double offset = std::abs(at[a] - inside[a]);
+    const double beyond = (labelled ? std::max(offset - 0.5, 0.0) : offset) * map.spacing[a];
+    square += beyond * beyond;
+  }
+  return std::sqrt(square);
+}
+
+}  // namespace
+
+DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
+                               const Vec3& point_voxel, std::size_t home) {
+  Index3 low;
+  double t[3];  // position between the two centres along each axis
+  for (int a = 0; a < 3; ++a) {
+    const double floor = std::floor(std::clamp(point_voxel[a], -1e9, 1e9));
+    low[a] = static_cast<int>(floor);
+    t[a] = point_voxel[a] - floor;
+  }
+  const Corner8 corners = corners_around(map, low);
+  const Index3 home_at = voxel_at(map, home);
+
+  // The voxel of the 8 that stands for `home`: itself, else the nearest connected one, the lowest at ties.
+  int start = -1;
+  for (int c = 0; c < 8; ++c) {
+    if (corners.at[c] == home_at) start = c;
+  }
+  if (start < 0) {
+    const unsigned reached = reach_from(map, pairs, corners, home_at);
+    double nearest = 1e30;  // m^2
+    for (int c = 0; c < 8; ++c) {
+      if (!(reached >> c & 1U)) continue;
+      double square = 0;
+      for (int a = 0; a < 3; ++a) {
+        const double offset = (corners.at[c][a] - point_voxel[a]) * map.spacing[a];
+        square += offset * offset;
+      }
+      if (square < nearest) {
+        nearest = square;
+        start = c;
+      }
+    }
+  }
+  const unsigned inside = start >= 0 ? reach(corners, pairs, start) : 0U;
+
+  DistanceSample sample;
+  double slope[3] = {0, 0, 0};  // m a voxel
+  for (int c = 0; c < 8; ++c) {
+    const double value = (inside >> c & 1U ? -1.0 : 1.0) * distance_at(map, field, corners.at[c]);
+    double weight[3];
+    for (int a = 0; a < 3; ++a) weight[a] = c >> a & 1 ? t[a] : 1.0 - t[a];
+    sample.distance += weight[0] * weight[1] * weight[2] * value;
+    for (int a = 0; a < 3; ++a) {
+      slope[a] += (c >> a & 1 ? value : -value) * weight[(a + 1) % 3] * weight[(a + 2) % 3];
+    }
+  }
+  for (int a = 0; a < 3; ++a) {
+    for (int r = 0; r < 3; ++r) sample.gradient[r] += map.direction(r, a) * (slope[a] / map.spacing[a]);
+  }
+  return sample;
+}
+
+}  // namespace sulcus
