@@ -39,6 +39,6 @@ LabelMap generate(const CylinderThreeSegments& shape);
 LabelMap generate(const BoxSegment& shape);
 LabelMap generate(const SphereSegment& shape);
 
-inline constexpr double max_generated_voxels = 1 << 29;
+inline constexpr std::int64_t max_generated_voxels = std::int64_t{1} << 28;
 
 }  // namespace sulcus

@@ -27,7 +27,7 @@ namespace sulcus {
 // data.
 LabelMap read_label_map(const std::filesystem::path& path);
 
-inline constexpr std::int64_t max_label_map_voxels = std::int64_t{1} << 29;  // 2 GiB of labels
+inline constexpr std::int64_t max_label_map_voxels = std::int64_t{1} << 28;  // 1 GiB of labels
 
 // The files that hold the image: the header, and its data file if that is another one (.nhdr, .mhd, .hdr).
 // Throws InputError if one of them is missing.

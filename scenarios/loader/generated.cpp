@@ -1,0 +1,98 @@
+#include "scenarios/loader/generated.h"
+
+#include <cmath>
+#include <string>
+
+#include "engine/numerics/error.h"
+
+namespace sulcus {
+
+namespace {
+
+void require_positive(double value, const char* what) {
+  if (!(value > 0) || !std::isfinite(value)) {
+    throw InputError("generated label map: " + std::string(what) + " is " + std::to_string(value) +
+                     " m; give a positive number");
+  }
+}
+
+// An empty map around the origin, one voxel size along all axes.
+LabelMap empty_map(const Vec3& size_m, double voxel_size_m) {
+  require_positive(voxel_size_m, "the voxel size");
+  LabelMap map;
+  double voxels = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    require_positive(size_m[axis], "a size");
+    const double count = std::floor(size_m[axis] / voxel_size_m + 0.5);
+    if (count < 1) {
+      throw InputError("generated label map: a size of " + std::to_string(size_m[axis] * 1e3) +
+                       " mm is less than a voxel of " + std::to_string(voxel_size_m * 1e3) +
+                       " mm; give a smaller voxel size");
+    }
+    voxels *= count;
+    if (voxels > static_cast<double>(max_generated_voxels)) {
+      throw InputError("generated label map: more than " + std::to_string(max_generated_voxels) +
+                       " voxels; give a larger voxel size");
+    }
+    map.size[static_cast<std::size_t>(axis)] = static_cast<int>(count);
+    map.origin[axis] = -0.5 * (count - 1) * voxel_size_m;
+  }
+  map.spacing = Vec3::Constant(voxel_size_m);
+  map.labels.assign(static_cast<std::size_t>(voxels), 0);
+  return map;
+}
+
+// label_at(centre): centre of the voxel in voxel sizes from the middle of the map (exact halves).
+template <class LabelAt>
+void fill(LabelMap& map, LabelAt&& label_at) {
+  for (int k = 0; k < map.size[2]; ++k) {
+    for (int j = 0; j < map.size[1]; ++j) {
+      for (int i = 0; i < map.size[0]; ++i) {
+        const Vec3 centre(i - 0.5 * (map.size[0] - 1), j - 0.5 * (map.size[1] - 1),
+                          k - 0.5 * (map.size[2] - 1));
+        map.labels[map.index(i, j, k)] = label_at(centre);
+      }
+    }
+  }
+}
+
+void require_label(std::int32_t label) {
+  if (label == 0) throw InputError("generated label map: label 0 means empty; give another one");
+}
+
+}  // namespace
+
+LabelMap generate(const CylinderThreeSegments& shape) {
+  LabelMap map = empty_map({shape.length_m, shape.diameter_m, shape.diameter_m}, shape.voxel_size_m);
+  if (!(shape.gap_m >= 0) || !std::isfinite(shape.gap_m) || !(shape.gap_from_y_m >= 0)) {
+    throw InputError("generated label map: gap and gap_from_y must not be negative");
+  }
+  const double radius = 0.5 * map.size[1];
+  const double gap = shape.gap_m / shape.voxel_size_m;
+  const double gap_from = shape.gap_from_y_m / shape.voxel_size_m;
+  fill(map, [&](const Vec3& centre) -> std::int32_t {
+    const double y = centre[1], z = centre[2];
+    if (y * y + z * z > radius * radius) return 0;
+    if (y < 0) return 1;
+    if (z < 0) return 3;
+    return z < gap && y > gap_from ? 0 : 2;
+  });
+  return map;
+}
+
+LabelMap generate(const BoxSegment& shape) {
+  require_label(shape.label);
+  LabelMap map = empty_map(shape.size_m, shape.voxel_size_m);
+  fill(map, [&](const Vec3&) { return shape.label; });
+  return map;
+}
+
+LabelMap generate(const SphereSegment& shape) {
+  require_label(shape.label);
+  LabelMap map = empty_map(Vec3::Constant(shape.diameter_m), shape.voxel_size_m);
+  const double radius = 0.5 * map.size[0];
+  fill(map, [&](const Vec3& centre) { return centre.squaredNorm() > radius * radius ? 0 : shape.label; });
+  return map;
+}
+
+}  // namespace sulcus

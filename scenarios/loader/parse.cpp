@@ -1,0 +1,475 @@
+#include "scenarios/loader/parse.h"
+
+#include <Eigen/Eigenvalues>
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "engine/numerics/error.h"
+#include "engine/volume/separation.h"
+#include "scenarios/loader/images.h"
+#include "scenarios/loader/tools.h"
+
+namespace sulcus {
+
+namespace {
+
+using nlohmann::json;
+using Problems = std::vector<std::string>;
+
+constexpr double radians_per_degree = 3.14159265358979323846 / 180;
+constexpr double end_slack_s = 1e-9;  // s, within which a scripted device still gives its last pose
+
+// The member, or an empty object.
+const json& part(const json& object, const char* key) {
+  static const json nothing = json::object();
+  const auto member = object.find(key);
+  return member == object.end() ? nothing : *member;
+}
+
+// Replaces `value` if the key is there.
+template <class T>
+void read(const json& object, const char* key, T& value) {
+  if (const auto member = object.find(key); member != object.end()) value = member->template get<T>();
+}
+
+void read_mm(const json& object, const char* key, double& value_m) {
+  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
+}
+
+Vec3 vector(const json& array) {
+  return {array[0].get<double>(), array[1].get<double>(), array[2].get<double>()};
+}
+
+void read(const json& object, const char* key, Vec3& value) {
+  if (object.contains(key)) value = vector(object[key]);
+}
+
+void read_mm(const json& object, const char* key, Vec3& value_m) {
+  if (object.contains(key)) value_m = vector(object[key]) / 1000;
+}
+
+template <class T>
+void read(const json& object, const char* key, std::optional<T>& value) {
+  if (object.contains(key)) value = object[key].get<T>();
+}
+
+void read_mm(const json& object, const char* key, std::optional<double>& value_m) {
+  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
+}
+
+std::string text_of(double value) {
+  return json(value).dump();
+}
+
+// Runs `action`; what it refuses becomes a problem at `pointer`.
+template <class Action>
+void collect(Problems& problems, const std::string& pointer, Action&& action) {
+  try {
+    action();
+  } catch (const InputError& error) {
+    problems.push_back(pointer + ": " + error.what());
+  }
+}
+
+std::optional<std::int32_t> label_of_key(const std::string& key, const std::string& pointer,
+                                         Problems& problems) {
+  std::int32_t label = 0;
+  const auto result = std::from_chars(key.data(), key.data() + key.size(), label);
+  if (result.ec == std::errc() && label != 0) return label;
+  problems.push_back(pointer + "/" + key + ": found the label " + key +
+                     ", expected a whole number within 32 bits, not 0");
+  return std::nullopt;
+}
+
+LabelMapSource read_generated(const json& generate) {
+  if (generate.contains("cylinder_three_segments")) {
+    const json& object = generate["cylinder_three_segments"];
+    CylinderThreeSegments shape;
+    read_mm(object, "diameter_mm", shape.diameter_m);
+    read_mm(object, "length_mm", shape.length_m);
+    read_mm(object, "voxel_size_mm", shape.voxel_size_m);
+    read_mm(object, "gap_mm", shape.gap_m);
+    read_mm(object, "gap_from_y_mm", shape.gap_from_y_m);
+    return shape;
+  }
+  if (generate.contains("box")) {
+    BoxSegment shape;
+    read_mm(generate["box"], "size_mm", shape.size_m);
+    read_mm(generate["box"], "voxel_size_mm", shape.voxel_size_m);
+    read(generate["box"], "label", shape.label);
+    return shape;
+  }
+  SphereSegment shape;
+  read_mm(generate["sphere"], "diameter_mm", shape.diameter_m);
+  read_mm(generate["sphere"], "voxel_size_mm", shape.voxel_size_m);
+  read(generate["sphere"], "label", shape.label);
+  return shape;
+}
+
+void check_box(const Vec3& min_m, const Vec3& max_m, const std::string& pointer, Problems& problems) {
+  if (!(min_m.array() <= max_m.array()).all()) {
+    problems.push_back(pointer + ": max is less than min along an axis; swap them");
+  }
+}
+
+void read_label_map(const json& object, const std::filesystem::path& directory, Scenario& scenario,
+                    Problems& problems) {
+  if (object.contains("file") == object.contains("generate")) {
+    problems.push_back("/label_map: expected exactly one of \"file\" and \"generate\"");
+    return;
+  }
+  if (object.contains("file")) {
+    const std::filesystem::path file = directory / object["file"].get<std::string>();
+    scenario.map_source = file;
+    collect(problems, "/label_map/file", [&] {
+      for (const auto& input : label_map_files(file)) scenario.input_files.push_back(input);
+    });
+  } else {
+    scenario.map_source = read_generated(object["generate"]);
+  }
+  std::size_t number = 0;
+  for (const json& operation : object.value("operations", json::array())) {
+    const std::string pointer = "/label_map/operations/" + std::to_string(number++);
+    if (operation.contains("relabel")) {
+      RelabelOperation relabel;
+      read(operation["relabel"], "from", relabel.from);
+      read(operation["relabel"], "to", relabel.to);
+      scenario.map_operations.emplace_back(relabel);
+    } else if (operation.contains("keep_labels")) {
+      scenario.map_operations.emplace_back(
+          KeepLabelsOperation{operation["keep_labels"].get<std::vector<std::int32_t>>()});
+    } else {
+      KeepBoxOperation box;
+      read_mm(operation["keep_box_mm"], "min", box.min_m);
+      read_mm(operation["keep_box_mm"], "max", box.max_m);
+      check_box(box.min_m, box.max_m, pointer + "/keep_box_mm", problems);
+      scenario.map_operations.emplace_back(box);
+    }
+  }
+}
+
+void read_material(const json& object, Material& material) {
+  read(object, "youngs_modulus_Pa", material.youngs_modulus_Pa);
+  read(object, "poisson_ratio", material.poisson_ratio);
+  read(object, "density_kg_m3", material.density_kg_m3);
+}
+
+void read_tissue(const json& object, SceneDescription& scene, Problems& problems) {
+  read_material(part(object, "default"), scene.material);
+  for (const auto& member : part(object, "labels").items()) {
+    const auto label = label_of_key(member.key(), "/tissue/labels", problems);
+    if (!label) continue;
+    Material material = scene.material;
+    read_material(member.value(), material);
+    scene.materials[*label] = material;
+  }
+  read(object, "rayleigh_alpha_1_s", scene.damping.alpha_1_s);
+  read(object, "rayleigh_beta_s", scene.damping.beta_s);
+  read(object, "gravity_m_s2", scene.gravity);
+}
+
+void read_mesh(const json& object, EmbeddingOptions& options) {
+  read_mm(object, "size_mm", options.size_m);
+  options.split = object.value("split", "five") == "six" ? TetSplit::six : TetSplit::five;
+  read(object, "superimpose", options.superimpose);
+  read(object, "min_island_cells", options.min_island_cells);
+}
+
+NodeRegion read_region(const json& object, const std::string& pointer, Problems& problems) {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  NodeRegion region{Vec3::Constant(-infinity), Vec3::Constant(infinity), pointer};
+  int regions = 0;
+  if (object.contains("box_mm")) {
+    ++regions;
+    read_mm(object["box_mm"], "min", region.min_m);
+    read_mm(object["box_mm"], "max", region.max_m);
+    check_box(region.min_m, region.max_m, pointer + "/box_mm", problems);
+  }
+  for (const char* key : {"below_mm", "above_mm"}) {
+    if (!object.contains(key)) continue;
+    ++regions;
+    const Eigen::Index axis = object[key]["axis"].get<std::string>()[0] - 'x';
+    const double value_m = object[key]["value"].get<double>() / 1000;
+    (key[0] == 'b' ? region.max_m : region.min_m)[axis] = value_m;
+  }
+  if (regions != 1) {
+    problems.push_back(pointer + ": found " + std::to_string(regions) +
+                       " regions, expected exactly one of box_mm, below_mm, above_mm");
+  }
+  return region;
+}
+
+void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
+  std::size_t number = 0;
+  for (const json& region : object.value("fixed", json::array())) {
+    scenario.fixed.push_back(read_region(region, "/boundary/fixed/" + std::to_string(number++), problems));
+  }
+  number = 0;
+  for (const json& spring : object.value("springs", json::array())) {
+    SpringRegion springs{read_region(spring, "/boundary/springs/" + std::to_string(number++), problems)};
+    read(spring, "stiffness_N_m", springs.stiffness_N_m);
+    read(spring, "damping_N_s_m", springs.damping_N_s_m);
+    scenario.springs.push_back(springs);
+  }
+}
+
+ToolSurface read_shape(const json& object) {
+  if (object.contains("retractor")) {
+    const json& retractor = object["retractor"];
+    RetractorShape shape;
+    read_mm(retractor, "length_mm", shape.length_m);
+    read_mm(retractor, "width_mm", shape.width_m);
+    read_mm(retractor, "thickness_mm", shape.thickness_m);
+    shape.bend_rad = retractor.value("bend_deg", 10.0) * radians_per_degree;
+    return retractor_surface(shape);
+  }
+  if (object.contains("sphere")) {
+    SphereShape shape;
+    read_mm(object["sphere"], "radius_mm", shape.radius_m);
+    read(object["sphere"], "subdivisions", shape.subdivisions);
+    return sphere_surface(shape);
+  }
+  if (object.contains("box")) {
+    BoxShape shape;
+    read_mm(object["box"], "size_mm", shape.size_m);
+    read_mm(object["box"], "edge_mm", shape.edge_m);
+    return box_surface(shape);
+  }
+  CapsuleShape shape;
+  read_mm(object["capsule"], "radius_mm", shape.radius_m);
+  read_mm(object["capsule"], "length_mm", shape.length_m);
+  return capsule_surface(shape);
+}
+
+void read_inertia(const json& value, Mat3& inertia, const std::string& pointer, Problems& problems) {
+  if (value.is_number()) {
+    inertia = Mat3::Identity() * value.get<double>();
+  } else if (value.size() == 3) {
+    inertia = vector(value).asDiagonal();
+  } else if (value.size() == 9) {
+    for (int entry = 0; entry < 9; ++entry)
+      inertia(entry / 3, entry % 3) = value[static_cast<std::size_t>(entry)];
+  } else {
+    problems.push_back(pointer + ": found " + std::to_string(value.size()) + " numbers, expected 1, 3 or 9");
+    return;
+  }
+  const bool symmetric = inertia == inertia.transpose();
+  if (!symmetric || !(Eigen::SelfAdjointEigenSolver<Mat3>(inertia).eigenvalues()[0] > 0)) {
+    problems.push_back(pointer + ": the inertia must be symmetric and positive definite");
+  }
+}
+
+ScriptedTrajectory read_script(const json& waypoints, double run_s, const std::string& pointer,
+                               Problems& problems) {
+  ScriptedTrajectory script;
+  Waypoint waypoint;
+  Vec3 axis = Vec3::UnitZ();
+  double angle_deg = 0;
+  for (const json& object : waypoints) {
+    const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
+    const double before_s = waypoint.time_s;
+    read(object, "time_s", waypoint.time_s);
+    read_mm(object, "position_mm", waypoint.position_m);
+    read(object, "axis", axis);
+    read(object, "angle_deg", angle_deg);
+    const std::string path = object.value("path", "minimum_jerk");
+    waypoint.path = path == "hold" ? Path::hold : path == "linear" ? Path::linear : Path::minimum_jerk;
+    if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
+    waypoint.orientation =
+        quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
+    if (script.waypoints.empty() && !object.contains("position_mm")) {
+      problems.push_back(place + ": the first way-point must have a position_mm");
+    }
+    if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
+      problems.push_back(place + "/time_s: found " + text_of(waypoint.time_s) + " s after " +
+                         text_of(before_s) + " s; times must increase");
+      return script;
+    }
+    script.waypoints.push_back(waypoint);
+  }
+  const double end_s = script.waypoints.back().time_s;
+  if (end_s + end_slack_s < run_s) {
+    problems.push_back(pointer + ": the trajectory ends at " + text_of(end_s) + " s, the run lasts " +
+                       text_of(run_s) +
+                       " s; add a way-point (path \"hold\" stays in place) or shorten /time/duration_s");
+  }
+  collect(problems, pointer, [&] { make_scripted_device(script); });
+  return script;
+}
+
+void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
+  std::set<std::string> names;
+  for (const json& object : tools) {
+    const std::string pointer = "/tools/" + std::to_string(scenario.scene.tools.size());
+    Tool tool;
+    read(object, "name", tool.name);
+    if (!names.insert(tool.name).second)
+      problems.push_back(pointer + "/name: \"" + tool.name + "\" is taken");
+    collect(problems, pointer + "/shape", [&] { tool.surface = read_shape(object["shape"]); });
+    read(object, "mass_kg", tool.body.mass_kg);
+    if (object.contains("inertia_kg_m2")) {
+      read_inertia(object["inertia_kg_m2"], tool.body.inertia_kg_m2, pointer + "/inertia_kg_m2", problems);
+    }
+    const json& coupling = part(object, "coupling");
+    read(coupling, "stiffness_N_m", tool.coupling.stiffness_N_m);
+    read(coupling, "damping_N_s_m", tool.coupling.damping_N_s_m);
+    read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
+    read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
+    read(object, "output_filter_Hz", tool.filter_Hz);
+    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"],
+                                           static_cast<double>(scenario.steps()) * scenario.scene.step_s,
+                                           pointer + "/device/scripted/waypoints", problems));
+    scenario.scene.tools.push_back(std::move(tool));
+  }
+}
+
+void read_contact(const json& object, ContactLaw& contact) {
+  read(object, "stiffness_N_m", contact.stiffness_N_m);
+  read(object, "damping_N_s_m", contact.damping_N_s_m);
+  read(object, "anisotropy", contact.anisotropy);
+  read(object, "tension_rule", contact.tension_rule);
+}
+
+void read_solver(const json& object, Scenario& scenario) {
+  SolverSettings& solver = scenario.scene.solver;
+  solver.precision = object.value("precision", "single") == "double" ? Precision::double_precision
+                                                                     : Precision::single_precision;
+  read(object, "tolerance", solver.tolerance);
+  read(object, "max_iterations", solver.max_iterations);
+  read(object, "measure_error_every_steps", scenario.measure_error_every_steps);
+}
+
+void read_time(const json& object, Scenario& scenario, Problems& problems) {
+  read(object, "step_s", scenario.scene.step_s);
+  read(object, "duration_s", scenario.duration_s);
+  const double steps = scenario.duration_s / scenario.scene.step_s;
+  if (scenario.steps() < 1) problems.push_back("/time: the duration is less than half a step");
+  if (steps > 1e8) problems.push_back("/time: the run would take more than 100 million steps");
+  const double run_s = static_cast<double>(scenario.steps()) * scenario.scene.step_s;
+  if (std::abs(run_s - scenario.duration_s) > 1e-6 * scenario.duration_s) {
+    scenario.warnings.push_back("/time/duration_s: " + text_of(scenario.duration_s) +
+                                " s is no whole number of steps; the run lasts " + text_of(run_s) + " s");
+  }
+}
+
+void read_checks(const json& object, Scenario& scenario) {
+  Checks& checks = scenario.checks;
+  read_mm(object, "max_penetration_mm", checks.max_penetration_m);
+  read(object, "max_force_N", checks.max_force_N);
+  read(object, "min_peak_force_N", checks.min_peak_force_N);
+  read_mm(object, "min_peak_displacement_mm", checks.min_peak_displacement_m);
+  read_mm(object, "returns_to_rest_mm", checks.returns_to_rest_m);
+  read(object, "solver_error", checks.max_solver_error);
+  read(object, "max_residual", checks.max_residual);
+  read(object, "max_inverted_elements", checks.max_inverted_elements);
+  if (checks.max_solver_error && scenario.measure_error_every_steps == 0) {
+    scenario.warnings.push_back(
+        "/checks/solver_error: nothing is measured, because /solver/measure_error_every_steps is 0");
+  }
+}
+
+Camera read_camera(const json& object, const std::string& pointer, Problems& problems) {
+  Camera camera;
+  read_mm(object, "eye_mm", camera.eye_m);
+  read_mm(object, "target_mm", camera.target_m);
+  read(object, "up", camera.up);
+  read(object, "field_of_view_deg", camera.field_of_view_deg);
+  const Vec3 view = camera.target_m - camera.eye_m;
+  if (!(view.cross(camera.up).norm() > 1e-6 * view.norm() * camera.up.norm())) {
+    problems.push_back(pointer + ": the camera looks along its up direction, or has no direction at all");
+  }
+  return camera;
+}
+
+void read_pictures(const json& object, Scenario& scenario, Problems& problems) {
+  read(object, "width", scenario.pictures.width);
+  read(object, "height", scenario.pictures.height);
+  std::optional<Camera> common;
+  if (object.contains("camera")) common = read_camera(object["camera"], "/pictures/camera", problems);
+  std::set<std::string> names;
+  for (const json& shot_object : object.value("shots", json::array())) {
+    const std::string pointer = "/pictures/shots/" + std::to_string(scenario.pictures.shots.size());
+    Shot shot;
+    read(shot_object, "name", shot.name);
+    read(shot_object, "time_s", shot.time_s);
+    if (shot_object.value("show", "labels") == "max_principal_stress")
+      shot.show = ShotContent::max_principal_stress;
+    if (!names.insert(shot.name).second)
+      problems.push_back(pointer + "/name: \"" + shot.name + "\" is taken");
+    if (shot.time_s > scenario.duration_s) {
+      problems.push_back(pointer + "/time_s: found " + text_of(shot.time_s) + " s, the run ends at " +
+                         text_of(scenario.duration_s) + " s");
+    }
+    if (shot_object.contains("camera")) {
+      shot.camera = read_camera(shot_object["camera"], pointer + "/camera", problems);
+    } else if (common) {
+      shot.camera = *common;
+    } else {
+      problems.push_back(pointer + ": no camera; give one here or in /pictures/camera");
+    }
+    scenario.pictures.shots.push_back(shot);
+  }
+}
+
+void read_colours(const json& object, Scenario& scenario, Problems& problems) {
+  for (const auto& member : object.items()) {
+    const auto label = label_of_key(member.key(), "/label_colours", problems);
+    const unsigned long colour = std::stoul(member.value().get<std::string>().substr(1), nullptr, 16);
+    if (label) {
+      scenario.label_colours[*label] = {static_cast<std::uint8_t>(colour >> 16),
+                                        static_cast<std::uint8_t>(colour >> 8 & 255),
+                                        static_cast<std::uint8_t>(colour & 255)};
+    }
+  }
+}
+
+void read_golden(const json& object, GoldenSettings& golden) {
+  read(object, "series_every_steps", golden.series_every_steps);
+  read(object, "force_tolerance_N", golden.force_tolerance_N);
+  read_mm(object, "position_tolerance_mm", golden.position_tolerance_m);
+  read(object, "picture_tolerance", golden.picture_tolerance);
+  read(object, "picture_conformity", golden.picture_conformity);
+}
+
+}  // namespace
+
+std::string list_problems(const std::string& place, const std::vector<std::string>& problems) {
+  if (problems.size() == 1) return place + ": " + problems.front();
+  std::string text = place + ": " + std::to_string(problems.size()) + " errors";
+  for (const std::string& problem : problems) text += "\n  " + problem;
+  return text;
+}
+
+Scenario parse_scenario(const json& document, const std::string& place,
+                        const std::filesystem::path& directory) {
+  Scenario scenario;
+  Problems problems;
+  read(document, "name", scenario.name);
+  read(document, "title", scenario.title);
+  read(document, "description", scenario.description);
+  read_label_map(document["label_map"], directory, scenario, problems);
+  collect(problems, "/separation_pairs", [&] {
+    std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
+    read(document, "separation_pairs", pairs);
+    scenario.scene.pairs = make_separation_pairs(std::move(pairs));
+  });
+  read_mesh(document["mesh"], scenario.scene.embedding);
+  read_tissue(part(document, "tissue"), scenario.scene, problems);
+  read_boundary(part(document, "boundary"), scenario, problems);
+  read_time(document["time"], scenario, problems);
+  read_tools(document.value("tools", json::array()), scenario, problems);
+  read_contact(part(document, "contact"), scenario.scene.contact);
+  read_solver(part(document, "solver"), scenario);
+  read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);
+  read_checks(part(document, "checks"), scenario);
+  read_pictures(part(document, "pictures"), scenario, problems);
+  read_colours(part(document, "label_colours"), scenario, problems);
+  read_golden(part(document, "golden"), scenario.golden);
+  if (!problems.empty()) throw InputError(list_problems(place, problems));
+  scenario.resolved_json = document.dump(2) + "\n";
+  return scenario;
+}
+
+}  // namespace sulcus
