@@ -1,0 +1,293 @@
+#include "engine/contact/embedded.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace sulcus {
+namespace {
+
+Vec3 node_position(std::span<const double> positions, std::int32_t node) {
+  const auto n = static_cast<std::size_t>(node);
+  return {positions[3 * n], positions[3 * n + 1], positions[3 * n + 2]};
+}
+
+struct Box {
+  Vec3 low, high;
+};
+
+// Cells whose deformed box meets the tool's box, then their tetrahedra.
+void collect_candidates(const EmbeddingMesh& mesh, std::span<const double> positions,
+                        std::span<const std::uint8_t> alive, const Box& box, std::vector<std::int32_t>& candidates) {
+  candidates.clear();
+  const auto meets = [&](const std::int32_t* nodes, int count) {
+    Vec3 low = node_position(positions, nodes[0]), high = low;
+    for (int c = 1; c < count; ++c) {
+      const Vec3 x = node_position(positions, nodes[c]);
+      low = low.cwiseMin(x);
+      high = high.cwiseMax(x);
+    }
+    return (low.array() <= box.high.array()).all() && (high.array() >= box.low.array()).all();
+  };
+  const auto per_cell = static_cast<std::size_t>(mesh.tets_per_cell);
+  for (std::size_t cell = 0; cell < mesh.cell_nodes.size(); ++cell) {
+    if (!meets(mesh.cell_nodes[cell].data(), 8)) continue;
+    for (std::size_t tet = cell * per_cell; tet < (cell + 1) * per_cell; ++tet) {
+      if ((alive.empty() || alive[tet]) && meets(mesh.tets[tet].data(), 4)) {
+        candidates.push_back(static_cast<std::int32_t>(tet));
+      }
+    }
+  }
+}
+
+// A uniform grid over the tool's box; each grid cell lists the candidates whose boxes meet it.
+struct Grid {
+  static constexpr int most = 16;  // grid cells along an axis
+  Box box;
+  Index3 size{1, 1, 1};
+
+  int along(int axis, double x) const {
+    const double width = box.high[axis] - box.low[axis];
+    const double place = width > 0 ? (x - box.low[axis]) / width * size[static_cast<std::size_t>(axis)] : 0;
+    return std::clamp(static_cast<int>(std::clamp(place, 0.0, 1e6)), 0, size[static_cast<std::size_t>(axis)] - 1);
+  }
+  std::size_t index(int i, int j, int k) const {
+    return static_cast<std::size_t>((k * size[1] + j) * size[0] + i);
+  }
+};
+
+Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, const Box& box, double cell_edge,
+               ContactSearch& search) {
+  Grid grid;
+  grid.box = box;
+  for (int a = 0; a < 3; ++a) {
+    const double cells = (box.high[a] - box.low[a]) / (0.5 * cell_edge);
+    grid.size[static_cast<std::size_t>(a)] = std::clamp(static_cast<int>(cells) + 1, 1, Grid::most);
+  }
+  const auto count = static_cast<std::size_t>(grid.size[0] * grid.size[1] * grid.size[2]);
+  search.cell_start.assign(count + 1, 0);
+  const auto for_cells_of = [&](std::int32_t tet, auto&& use) {
+    const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
+    Vec3 low = node_position(positions, nodes[0]), high = low;
+    for (int c = 1; c < 4; ++c) {
+      const Vec3 x = node_position(positions, nodes[static_cast<std::size_t>(c)]);
+      low = low.cwiseMin(x);
+      high = high.cwiseMax(x);
+    }
+    for (int k = grid.along(2, low[2]); k <= grid.along(2, high[2]); ++k) {
+      for (int j = grid.along(1, low[1]); j <= grid.along(1, high[1]); ++j) {
+        for (int i = grid.along(0, low[0]); i <= grid.along(0, high[0]); ++i) use(grid.index(i, j, k));
+      }
+    }
+  };
+  for (std::int32_t tet : search.candidates) {
+    for_cells_of(tet, [&](std::size_t cell) { ++search.cell_start[cell + 1]; });
+  }
+  for (std::size_t c = 0; c < count; ++c) search.cell_start[c + 1] += search.cell_start[c];
+  search.cell_items.resize(static_cast<std::size_t>(search.cell_start[count]));
+  for (std::int32_t tet : search.candidates) {  // fill from the front; starts shift by one and are restored below
+    for_cells_of(tet, [&](std::size_t cell) {
+      search.cell_items[static_cast<std::size_t>(search.cell_start[cell]++)] = tet;
+    });
+  }
+  for (std::size_t c = count; c > 0; --c) search.cell_start[c] = search.cell_start[c - 1];
+  search.cell_start[0] = 0;
+  return grid;
+}
+
+// Barycentric coordinates of x in a deformed tetrahedron; false outside or where the tetrahedron is flat.
+bool barycentric(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet, const Vec3& x,
+                 std::array<double, 4>& weights) {
+  const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
+  const Vec3 x0 = node_position(positions, nodes[0]);
+  const Vec3 a = node_position(positions, nodes[1]) - x0;
+  const Vec3 b = node_position(positions, nodes[2]) - x0;
+  const Vec3 c = node_position(positions, nodes[3]) - x0;
+  const Vec3 d = x - x0;
+  const double det = a.dot(b.cross(c));
+  if (!(std::fabs(det) > 1e-24)) return false;
+  weights[1] = d.dot(b.cross(c)) / det;
+  weights[2] = a.dot(d.cross(c)) / det;
+  weights[3] = a.dot(b.cross(d)) / det;
+  weights[0] = 1 - weights[1] - weights[2] - weights[3];
+  constexpr double edge = -1e-9;  // a point on a common face belongs to both
+  return weights[0] >= edge && weights[1] >= edge && weights[2] >= edge && weights[3] >= edge;
+}
+
+struct Voxel {
+  Index3 at{0, 0, 0};
+  std::size_t index = 0;
+};
+
+bool voxel_at(const LabelMap& map, const Vec3& point_voxel, Voxel& voxel) {
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double place = std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5);
+    if (!(place >= 0 && place < map.size[a])) return false;
+    voxel.at[a] = static_cast<int>(place);
+  }
+  voxel.index = map.index(voxel.at[0], voxel.at[1], voxel.at[2]);
+  return true;
+}
+
+// The voxel owned by `cell` nearest to the point, among the 27 around it. Returns the squared distance in voxels,
+// or a negative number if there is none.
+double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::int32_t cell, const Vec3& point_voxel,
+                           Voxel& nearest) {
+  double best = -1;
+  Index3 centre;
+  for (std::size_t a = 0; a < 3; ++a) {
+    centre[a] = static_cast<int>(std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5));
+  }
+  for (int dk = -1; dk <= 1; ++dk) {
+    for (int dj = -1; dj <= 1; ++dj) {
+      for (int di = -1; di <= 1; ++di) {
+        const Vec3 place(centre[0] + di, centre[1] + dj, centre[2] + dk);
+        Voxel voxel;
+        if (!voxel_at(map, place, voxel) || mesh.cell_of_voxel[voxel.index] != cell) continue;
+        const double distance = (place - point_voxel).squaredNorm();
+        if (best < 0 || distance < best) {
+          best = distance;
+          nearest = voxel;
+        }
+      }
+    }
+  }
+  return best;
+}
+
+// Whether one can walk from voxel `from` to voxel `to` through connected faces, always towards the goal.
+bool connected_straight(const LabelMap& map, const SeparationPairs& pairs, Voxel from, const Voxel& to) {
+  while (from.index != to.index) {
+    std::array<int, 3> axes{0, 1, 2};
+    const auto left = [&](int a) { return std::abs(to.at[static_cast<std::size_t>(a)] - from.at[static_cast<std::size_t>(a)]); };
+    std::stable_sort(axes.begin(), axes.end(), [&](int a, int b) { return left(a) > left(b); });
+    bool moved = false;
+    for (int a : axes) {
+      if (left(a) == 0) break;
+      Voxel next = from;
+      next.at[static_cast<std::size_t>(a)] +=
+          to.at[static_cast<std::size_t>(a)] > from.at[static_cast<std::size_t>(a)] ? 1 : -1;
+      next.index = map.index(next.at[0], next.at[1], next.at[2]);
+      if (!pairs.connected(map.labels[from.index], map.labels[next.index])) continue;
+      from = next;
+      moved = true;
+      break;
+    }
+    if (!moved) return false;
+  }
+  return true;
+}
+
+// World normal n = F^-T grad / |.|, by cofactors; false where the element is flat.
+bool world_normal(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
+                  const Vec3& rest_normal, Vec3& normal) {
+  const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
+  Mat3 rest, now;
+  for (int a = 0; a < 3; ++a) {
+    const std::int32_t node = nodes[static_cast<std::size_t>(a + 1)];
+    rest.col(a) = mesh.rest_positions[static_cast<std::size_t>(node)] -
+                  mesh.rest_positions[static_cast<std::size_t>(nodes[0])];
+    now.col(a) = node_position(positions, node) - node_position(positions, nodes[0]);
+  }
+  const Mat3 f = now * rest.inverse();
+  Mat3 cofactors;
+  cofactors.col(0) = f.col(1).cross(f.col(2));
+  cofactors.col(1) = f.col(2).cross(f.col(0));
+  cofactors.col(2) = f.col(0).cross(f.col(1));
+  normal = cofactors * rest_normal;
+  const double length = std::sqrt(normal.squaredNorm());
+  if (!(length > 1e-9)) return false;
+  normal /= length;
+  return true;
+}
+
+}  // namespace
+
+void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& distance,
+                            const EmbeddingMesh& mesh, std::span<const double> positions,
+                            std::span<const std::uint8_t> alive, std::int32_t tool,
+                            std::span<const Vec3> vertices_world, const Vec3& centre, ContactSearch& search,
+                            std::vector<Contact>& contacts) {
+  if (vertices_world.empty()) return;
+  Box box{vertices_world[0], vertices_world[0]};
+  for (const Vec3& v : vertices_world) {
+    if (!v.allFinite()) return;  // the step reports it as not finite
+    box.low = box.low.cwiseMin(v);
+    box.high = box.high.cwiseMax(v);
+  }
+  collect_candidates(mesh, positions, alive, box, search.candidates);
+  if (search.candidates.empty()) return;
+  const double cell_edge = mesh.voxels_per_cell[0] * map.spacing[0];
+  const Grid grid = fill_grid(mesh, positions, box, cell_edge, search);
+  const double surface_inset = 0.25 * map.spacing.minCoeff();  // m, how far inside the surface its voxel is looked up
+
+  const auto count = static_cast<std::int64_t>(vertices_world.size());
+  search.found.resize(vertices_world.size());
+#pragma omp parallel for schedule(static)
+  for (std::int64_t vertex = 0; vertex < count; ++vertex) {
+    Contact& contact = search.found[static_cast<std::size_t>(vertex)];
+    contact = Contact{};
+    const Vec3& p = vertices_world[static_cast<std::size_t>(vertex)];
+
+    // of the tetrahedra that hold p, the one whose copy owns the nearest voxel
+    double nearest = -1;
+    std::int32_t tet = -1;
+    Voxel home;
+    Vec3 point_voxel;
+    const std::size_t cell = grid.index(grid.along(0, p[0]), grid.along(1, p[1]), grid.along(2, p[2]));
+    for (std::int32_t item = search.cell_start[cell]; item < search.cell_start[cell + 1]; ++item) {
+      const std::int32_t candidate = search.cell_items[static_cast<std::size_t>(item)];
+      std::array<double, 4> weights;
+      if (!barycentric(mesh, positions, candidate, p, weights)) continue;
+      Vec3 rest = Vec3::Zero();
+      for (std::size_t c = 0; c < 4; ++c) {
+        rest += weights[c] *
+                mesh.rest_positions[static_cast<std::size_t>(mesh.tets[static_cast<std::size_t>(candidate)][c])];
+      }
+      const Vec3 at = map.to_voxel(rest);
+      Voxel voxel;
+      const double away = nearest_owned_voxel(map, mesh, candidate / mesh.tets_per_cell, at, voxel);
+      if (away >= 0 && (nearest < 0 || away < nearest)) {
+        nearest = away;
+        tet = candidate;
+        home = voxel;
+        point_voxel = at;
+      }
+    }
+    if (tet < 0) continue;
+
+    const DistanceSample sample = sample_distance(map, pairs, distance, point_voxel, home.index);
+    const double slope = std::sqrt(sample.gradient.squaredNorm());
+    if (!(sample.distance < 0) || !(slope > 1e-6)) continue;
+    const Vec3 rest_normal = sample.gradient / slope;
+    const Vec3 surface = map.to_world(point_voxel) - sample.distance * rest_normal;
+
+    // the tetrahedron under the surface point: of the copy that owns the voxel just inside, if that is ours
+    std::int32_t copy = tet / mesh.tets_per_cell;
+    Voxel inside;
+    if (voxel_at(map, map.to_voxel(surface - surface_inset * rest_normal), inside) &&
+        mesh.cell_of_voxel[inside.index] >= 0 && connected_straight(map, pairs, home, inside)) {
+      copy = mesh.cell_of_voxel[inside.index];
+    }
+    contact.tet = locate_tet_in_cell(mesh, copy, map.to_voxel(surface), contact.weights);
+    if (!alive.empty() && !alive[static_cast<std::size_t>(contact.tet)]) continue;
+    if (!world_normal(mesh, positions, contact.tet, rest_normal, contact.normal)) continue;
+    Vec3 surface_world = Vec3::Zero();
+    for (std::size_t c = 0; c < 4; ++c) {
+      surface_world +=
+          contact.weights[c] * node_position(positions, mesh.tets[static_cast<std::size_t>(contact.tet)][c]);
+    }
+    contact.gap = p - surface_world;
+    if (!(contact.gap.dot(contact.normal) < 0)) continue;  // folded tissue: already outside
+    contact.tool = tool;
+    contact.vertex = static_cast<std::int32_t>(vertex);
+    contact.arm = p - centre;
+    contact.depth_m = -sample.distance;
+  }
+  for (const Contact& contact : search.found) {
+    if (contact.depth_m > 0) contacts.push_back(contact);
+  }
+}
+
+}  // namespace sulcus
