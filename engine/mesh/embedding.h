@@ -41,7 +41,7 @@ struct EmbeddingMesh {
   std::vector<Index3> cell_position;                    // [cells]
   std::vector<std::array<std::int32_t, 8>> cell_nodes;  // [cells]
   std::vector<std::int32_t> cell_voxels;                // [cells] voxels owned
-  std::vector<std::int32_t> cell_label;                 // [cells] most frequent label, smallest at ties
+  std::vector<std::int32_t> cell_label;  // [cells] most frequent label, the first to occur at ties
   std::vector<std::array<std::int32_t, 2>> cell_links;  // [links] linked copies, a < b, sorted
 
   // Voxels

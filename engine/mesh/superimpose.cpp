@@ -39,23 +39,20 @@ void unite(std::int32_t* parent, std::int32_t a, std::int32_t b) {
   if (b < a) parent[a] = b;
 }
 
-// The label that most of `labels` have, the smallest at ties; reorders them.
-std::int32_t most_frequent(std::vector<std::int32_t>& labels) {
-  if (std::count(labels.begin(), labels.end(), labels.front()) ==
-      static_cast<std::ptrdiff_t>(labels.size())) {
-    return labels.front();
-  }
-  std::sort(labels.begin(), labels.end());
-  std::int32_t best = 0;
-  std::size_t best_count = 0;
-  for (std::size_t begin = 0, end = 0; begin < labels.size(); begin = end) {
-    while (end < labels.size() && labels[end] == labels[begin]) ++end;
-    if (end - begin > best_count) {
-      best_count = end - begin;
-      best = labels[begin];
+// The label that most of `labels` have, the first to occur at ties.
+std::int32_t most_frequent(const std::vector<std::int32_t>& labels, std::vector<Link>& counts) {
+  counts.clear();  // label, count; a cell holds few labels, and neighbours are mostly equal
+  std::size_t at = 0;
+  for (const std::int32_t label : labels) {
+    if (counts.empty() || counts[at][0] != label) {
+      for (at = 0; at < counts.size() && counts[at][0] != label;) ++at;
+      if (at == counts.size()) counts.push_back({label, 0});
     }
+    ++counts[at][1];
   }
-  return best;
+  return std::max_element(counts.begin(), counts.end(),
+                          [](const Link& a, const Link& b) { return a[1] < b[1]; })
+      ->front();
 }
 
 // The copies of one layer of grid cells; copies are numbered from 0 in the layer until all layers are known.
@@ -180,7 +177,7 @@ class CellSplitter {
     for (int p = 0; p < pieces; ++p) {
       layer.position.push_back(cell);
       layer.voxels.push_back(static_cast<std::int32_t>(labels_[p].size()));
-      layer.label.push_back(most_frequent(labels_[p]));
+      layer.label.push_back(most_frequent(labels_[p], counts_));
     }
   }
 
@@ -189,7 +186,8 @@ class CellSplitter {
   bool superimpose_;
   std::vector<std::int32_t>& copy_of_voxel_;
   std::vector<std::int32_t> parent_, piece_;
-  std::vector<std::vector<std::int32_t>> labels_;
+  std::vector<std::vector<std::int32_t>> labels_;  // of each piece, in voxel order
+  std::vector<Link> counts_;
 };
 
 }  // namespace

@@ -15,7 +15,7 @@ struct CellCopies {
       first_copy;                    // [grid cells + 1] copies of grid cell g: first_copy[g] .. [g + 1] - 1
   std::vector<Index3> position;      // [copies]
   std::vector<std::int32_t> voxels;  // [copies] voxels owned
-  std::vector<std::int32_t> label;   // [copies] most frequent label, smallest at ties
+  std::vector<std::int32_t> label;   // [copies] most frequent label, the first to occur at ties
   std::vector<std::int32_t> copy_of_voxel;  // [voxels], -1 for empty voxels
 };
 
