@@ -74,14 +74,14 @@ struct ClipPlane {
 };
 
 // Colour maps of equal perceived steps, made from a table of 17 colours.
-enum class ColourMap { viridis, inferno };
+enum class ColourMap { sea, ember };            // dark blue - green - yellow; black - red - pale yellow
 Colour colour_of(ColourMap map, double share);  // share 0..1, clamped; not-a-number gives mid grey
 
 struct ColourBar {
   std::string title;  // "largest principal stress"
   std::string unit;   // "Pa"
   double low = 0, high = 1;
-  ColourMap map = ColourMap::inferno;
+  ColourMap map = ColourMap::ember;
 };
 
 struct LegendEntry {
@@ -105,9 +105,9 @@ struct PictureScene {
   std::optional<ColourBar> colour_bar;  // right
 };
 
-// Throws InputError for sizes outside 1..8192, colours or triangles that do not fit the mesh, a camera that
-// looks nowhere; EnvironmentError if OSMesa or the font cannot be had. Coordinates that are not finite are
-// left out with their triangles.
+// Throws InputError for sizes of no or more than 16384 sub-pixels, colours or triangles that do not fit the
+// mesh, a camera that looks nowhere; EnvironmentError if OSMesa or the font cannot be had. Coordinates that
+// are not finite are left out with their triangles.
 Image render_picture(const PictureScene& scene);
 
 // Looks along `direction` so that the sphere around all the points fills the picture up to `margin`.

@@ -1,0 +1,328 @@
+#include "verify/plots.h"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "engine/numerics/error.h"
+
+extern char** environ;
+
+namespace sulcus {
+namespace {
+
+constexpr std::size_t columns = 600;  // of data; more cannot be seen
+
+// Of middle lightness: readable on white and on black.
+constexpr const char* colours[] = {"#3f8fd6", "#e5892a", "#33a07a", "#c65a93", "#8b7fd8", "#b09a2e"};
+// Stands for the page's own text colour until the text is there.
+constexpr const char* ink = "#123456";
+constexpr const char* ink_in_svg = "rgb(18,52,86)";
+
+struct TemporaryFolder {
+  std::filesystem::path path;
+  TemporaryFolder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "sulcus-chart-XXXXXX").string();
+    if (!mkdtemp(pattern.data())) {
+      throw EnvironmentError("no folder can be made in " + std::filesystem::temp_directory_path().string() +
+                             " for a chart; set TMPDIR to a place with free space");
+    }
+    path = pattern;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+};
+
+std::string quoted(const std::string& text) {
+  std::string out = "'";
+  for (const char c : text) {
+    if (c == '\'') out += '\'';
+    out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+  }
+  return out + "'";
+}
+
+std::string number(double value) {
+  if (!std::isfinite(value)) return "NaN";
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.7g", value);
+  return text;
+}
+
+// The same columns for all curves: of each column, the place with the largest pile. So every pile shown is
+// one that was.
+std::vector<std::size_t> highest_piles(const std::vector<Curve>& curves) {
+  const std::size_t count = curves.front().x.size(), shown = std::min(count, columns);
+  std::vector<std::size_t> places;
+  for (std::size_t c = 0; c < shown; ++c) {
+    std::size_t best = c * count / shown;
+    double highest = -INFINITY;
+    for (std::size_t i = best; i < (c + 1) * count / shown; ++i) {
+      double pile = 0;
+      for (const Curve& curve : curves) pile += std::isfinite(curve.y[i]) ? curve.y[i] : 0;
+      if (pile > highest) {
+        highest = pile;
+        best = i;
+      }
+    }
+    places.push_back(best);
+  }
+  return places;
+}
+
+// What gnuplot draws: curves thinned, piles added up, gaps where nothing can be drawn.
+std::vector<Curve> drawn_curves(const Chart& chart) {
+  std::vector<Curve> drawn;
+  if (chart.kind == ChartKind::stacked && !chart.curves.empty()) {
+    const std::vector<std::size_t> places = highest_piles(chart.curves);
+    std::vector<double> pile(places.size(), 0);
+    for (const Curve& curve : chart.curves) {
+      Curve sum{curve.name, {}, {}};
+      for (std::size_t p = 0; p < places.size(); ++p) {
+        pile[p] += std::isfinite(curve.y[places[p]]) ? curve.y[places[p]] : 0;
+        sum.x.push_back(curve.x[places[p]]);
+        sum.y.push_back(pile[p]);
+      }
+      drawn.push_back(std::move(sum));
+    }
+  } else {
+    for (const Curve& curve : chart.curves) drawn.push_back(thinned(curve, columns));
+  }
+  if (chart.log_y) {
+    for (Curve& curve : drawn) {
+      for (double& y : curve.y) y = y > 0 ? y : NAN;
+    }
+  }
+  return drawn;
+}
+
+struct Range {
+  double low = INFINITY, high = -INFINITY;
+  void take(double value) {
+    if (!std::isfinite(value)) return;
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+  bool empty() const { return !(low <= high); }
+};
+
+std::string axis_ranges(const Chart& chart, Range x, Range y) {
+  if (chart.has_bound) y.take(chart.bound);
+  std::ostringstream out;
+  if (x.low == x.high) {
+    x.low -= 0.5;
+    x.high += 0.5;
+  }
+  out << "set xrange [" << number(x.low) << ":" << number(x.high) << "]\n";
+  if (chart.log_y) {
+    // Whole decades.
+    double low = std::floor(std::log10(y.low)), high = std::ceil(std::log10(y.high));
+    if (low == high) high += 1;
+    out << "set logscale y\nset format y '10^{%T}'\nset yrange [1e" << low << ":1e" << high << "]\n";
+  } else {
+    const double low = std::min(0.0, y.low), high = std::max(0.0, y.high);
+    const double room = high > low ? 0.06 * (high - low) : 1;
+    out << "set yrange [" << number(low < 0 ? low - room : 0) << ":" << number(high + room) << "]\n";
+  }
+  return out.str();
+}
+
+std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Range& x, const Range& y) {
+  std::ostringstream out;
+  out << "set terminal svg size 520,290 dynamic enhanced font 'sans-serif,13'\n"
+      << "set encoding utf8\nset datafile missing 'NaN'\n"
+      << "set border 3 front lc rgb '" << ink << "' lw 0.7\n"
+      << "set tics nomirror scale 0.5 tc rgb '" << ink << "'\n"
+      << "set grid ytics lt 1 lc rgb '#B0808080' lw 0.7\n"
+      << "set xlabel " << quoted(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
+      << "set ylabel " << quoted(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
+      << "set xtics autofreq\nset style fill solid 0.85 noborder\n"
+      << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 font ',12' tc rgb '" << ink << "'\n"
+      << axis_ranges(chart, x, y);
+  if (chart.has_bound) {
+    out << "set arrow from graph 0, first " << number(chart.bound) << " to graph 1, first "
+        << number(chart.bound) << " nohead dt 2 lw 1.3 lc rgb '#d04545' front\n";
+  }
+  for (std::size_t c = 0; c < drawn.size(); ++c) {
+    out << "$c" << c << " << EOD\n";
+    for (std::size_t i = 0; i < drawn[c].x.size(); ++i) {
+      out << number(drawn[c].x[i]) << ' ' << number(drawn[c].y[i]) << '\n';
+    }
+    out << "EOD\n";
+  }
+  const auto style = [&](std::size_t c) -> std::string {
+    const std::string colour = std::string(" lc rgb '") + colours[c % std::size(colours)] + "'";
+    if (chart.kind == ChartKind::stacked) return " with filledcurves y1=0" + colour;
+    if (chart.kind == ChartKind::points) return " with points pt 7 ps 0.35" + colour;
+    return " with lines lw 1.6" + colour;
+  };
+  // Piles are painted from the highest down, each over the one before; the key keeps the order of the curves.
+  const bool stacked = chart.kind == ChartKind::stacked;
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    const std::size_t c = stacked ? drawn.size() - 1 - i : i;
+    out << (i == 0 ? "plot " : ", ") << "$c" << c << " using 1:2" << style(c) << " notitle";
+  }
+  for (std::size_t c = 0; c < drawn.size(); ++c) {
+    if (!drawn[c].name.empty()) out << ", keyentry" << style(c) << " title " << quoted(drawn[c].name);
+  }
+  out << "\n";
+  return out.str();
+}
+
+std::string read_all(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+std::string run_gnuplot(const std::string& script_text) {
+  const TemporaryFolder folder;
+  const std::string script_path = folder.path / "chart.gp", out = folder.path / "chart.svg",
+                    messages = folder.path / "messages";
+  std::ofstream(script_path) << script_text;
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, 1, out.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  posix_spawn_file_actions_addopen(&actions, 2, messages.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  // -d: the user's own gnuplot settings do not change our charts.
+  std::string program = "gnuplot", defaults = "-d", file = script_path;
+  char* arguments[] = {program.data(), defaults.data(), file.data(), nullptr};
+  pid_t child = 0;
+  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (failed != 0) {
+    throw EnvironmentError(std::string("gnuplot, which draws the report's charts, cannot be started (") +
+                           std::strerror(failed) + "); install it (Debian: gnuplot-nox)");
+  }
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  std::string svg = read_all(out);
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || svg.find("</svg>") == std::string::npos) {
+    throw EnvironmentError("gnuplot could not draw a chart: " + read_all(messages) +
+                           "; expected gnuplot 5.2 or later with the svg terminal");
+  }
+  return svg;
+}
+
+void replace_all(std::string& text, const std::string& from, const std::string& to) {
+  for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size()) {
+    text.replace(at, from.size(), to);
+  }
+}
+
+std::string escaped(const std::string& text) {
+  std::string out = text;
+  replace_all(out, "&", "&amp;");
+  replace_all(out, "<", "&lt;");
+  replace_all(out, ">", "&gt;");
+  return out;
+}
+
+// Leaves the drawing alone: no XML head, no addresses, the page's ink, identifiers of the chart's own.
+std::string fit_for_page(const std::string& svg, const std::string& title) {
+  const std::size_t begin = svg.find("<svg"), head_end = svg.find('>', begin), end = svg.rfind("</svg>");
+  if (begin == std::string::npos)
+    throw EnvironmentError("gnuplot's chart is not SVG; expected gnuplot 5.2 or later");
+  std::string body = svg.substr(head_end + 1, end - head_end - 1);
+  // gnuplot's own title and description name its version.
+  for (const char* element : {"title", "desc"}) {
+    const std::string open = std::string("<") + element + ">", close = std::string("</") + element + ">";
+    const std::size_t first = body.find(open), last = body.find(close);
+    if (first != std::string::npos && last != std::string::npos && body.find("<g") > first) {
+      body.erase(first, last + close.size() - first);
+    }
+  }
+  replace_all(body, ink_in_svg, "currentColor");
+  replace_all(body, " color=\"black\"", "");  // axes: what the page inherits
+  std::uint32_t hash = 2166136261u;
+  for (const char c : title + body) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619u;
+  char mark[16];
+  std::snprintf(mark, sizeof(mark), "c%08x-", hash);
+  replace_all(body, "id=\"gp", std::string("id=\"") + mark + "gp");
+  replace_all(body, "id='gp", std::string("id='") + mark + "gp");
+  replace_all(body, "'#gp", std::string("'#") + mark + "gp");
+  replace_all(body, "\"#gp", std::string("\"#") + mark + "gp");
+  const std::string label = escaped(title);
+  std::string attribute = label;
+  replace_all(attribute, "\"", "&quot;");
+  return "<svg viewBox=\"0 0 520 290\" role=\"img\" aria-label=\"" + attribute + "\"><title>" + label +
+         "</title>" + body + "</svg>";
+}
+
+void check_curves(const Chart& chart) {
+  for (const Curve& curve : chart.curves) {
+    const bool piles = chart.kind != ChartKind::stacked || curve.x.size() == chart.curves.front().x.size();
+    if (curve.x.size() != curve.y.size() || !piles) {
+      throw InputError("the curve '" + curve.name + "' of the chart '" + chart.title + "' has " +
+                       std::to_string(curve.x.size()) + " x and " + std::to_string(curve.y.size()) +
+                       " y; give as many of both, and of all curves of a pile");
+    }
+  }
+}
+
+}  // namespace
+
+Curve thinned(const Curve& curve, std::size_t column_count) {
+  const std::size_t count = curve.x.size();
+  if (column_count == 0 || count <= 2 * column_count) return curve;
+  Curve out{curve.name, {}, {}};
+  for (std::size_t c = 0; c < column_count; ++c) {
+    const std::size_t first = c * count / column_count, last = (c + 1) * count / column_count;
+    std::size_t lowest = first, highest = first;
+    bool gap = false;
+    for (std::size_t i = first; i < last; ++i) {
+      if (!std::isfinite(curve.y[i])) {
+        gap = true;
+        continue;
+      }
+      if (!(curve.y[i] >= curve.y[lowest])) lowest = i;
+      if (!(curve.y[i] <= curve.y[highest])) highest = i;
+    }
+    for (const std::size_t i : {std::min(lowest, highest), std::max(lowest, highest)}) {
+      out.x.push_back(curve.x[i]);
+      out.y.push_back(curve.y[i]);
+    }
+    if (gap) {
+      out.x.push_back(curve.x[last - 1]);
+      out.y.push_back(NAN);
+    }
+  }
+  return out;
+}
+
+std::string chart_svg(const Chart& chart) {
+  check_curves(chart);
+  const std::vector<Curve> drawn = drawn_curves(chart);
+  Range x, y;
+  for (const Curve& curve : drawn) {
+    for (std::size_t i = 0; i < curve.x.size(); ++i) {
+      if (!std::isfinite(curve.x[i]) || !std::isfinite(curve.y[i])) continue;
+      x.take(curve.x[i]);
+      y.take(curve.y[i]);
+    }
+  }
+  if (x.empty() || y.empty()) {
+    return "<svg viewBox=\"0 0 520 60\" role=\"img\"><title>" + escaped(chart.title) +
+           "</title><text x=\"260\" y=\"34\" text-anchor=\"middle\" fill=\"currentColor\" opacity=\"0.6\" "
+           "font-family=\"sans-serif\" font-size=\"13\">nothing recorded</text></svg>";
+  }
+  return fit_for_page(run_gnuplot(script(chart, drawn, x, y)), chart.title);
+}
+
+}  // namespace sulcus
