@@ -3,14 +3,10 @@ find_package(PNG REQUIRED)
 find_package(Freetype REQUIRED)
 find_path(OSMESA_INCLUDE_DIR GL/osmesa.h REQUIRED)
 find_library(OSMESA_LIBRARY OSMesa REQUIRED)
-find_path(SULCUS_FONT_DIR DejaVuSans.ttf PATHS /usr/share/fonts PATH_SUFFIXES truetype/dejavu dejavu TTF REQUIRED
-          NO_CMAKE_FIND_ROOT_PATH)
+find_path(SULCUS_FONT_DIR DejaVuSans.ttf PATHS /usr/share/fonts PATH_SUFFIXES truetype/dejavu dejavu TTF REQUIRED)
 
 sulcus_library(sulcus_pictures png.cpp picture_diff.cpp colour_map.cpp picture.cpp picture_shapes.cpp picture_gl.cpp
-               picture_occlusion.cpp picture_text.cpp run_picture.cpp plots.cpp report.cpp report_template.cpp
-               LINK PNG::PNG Freetype::Freetype ${OSMESA_LIBRARY})
-target_include_directories(sulcus_pictures PRIVATE ${OSMESA_INCLUDE_DIR})
+               picture_occlusion.cpp picture_text.cpp run_picture.cpp plots.cpp LINK sulcus_verify sulcus_numerics)
+target_link_libraries(sulcus_pictures PRIVATE PNG::PNG Freetype::Freetype ${OSMESA_LIBRARY})
+target_include_directories(sulcus_pictures SYSTEM PRIVATE ${OSMESA_INCLUDE_DIR})
 target_compile_definitions(sulcus_pictures PRIVATE SULCUS_FONT_DIR="${SULCUS_FONT_DIR}")
-
-sulcus_test(pictures_test png_test.cpp picture_diff_test.cpp picture_test.cpp run_picture_test.cpp plots_test.cpp
-            report_test.cpp LINK sulcus_pictures)

@@ -26,7 +26,7 @@ constexpr std::size_t columns = 600;  // of data; more cannot be seen
 constexpr const char* colours[] = {"#3f8fd6", "#e5892a", "#33a07a", "#c65a93", "#8b7fd8", "#b09a2e"};
 // Stands for the page's own text colour until the text is there.
 constexpr const char* ink = "#123456";
-constexpr const char* ink_in_svg = "rgb(18,52,86)";
+constexpr const char* ink_in_svg[] = {"rgb(18,52,86)", "rgb( 18,  52,  86)"};
 
 struct TemporaryFolder {
   std::filesystem::path path;
@@ -248,7 +248,7 @@ std::string fit_for_page(const std::string& svg, const std::string& title) {
       body.erase(first, last + close.size() - first);
     }
   }
-  replace_all(body, ink_in_svg, "currentColor");
+  for (const char* written : ink_in_svg) replace_all(body, written, "currentColor");
   replace_all(body, " color=\"black\"", "");  // axes: what the page inherits
   std::uint32_t hash = 2166136261u;
   for (const char c : title + body) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619u;
