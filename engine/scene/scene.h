@@ -58,6 +58,8 @@ struct Scene {
   Sparsity sparsity;
   std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool
   std::vector<double> filter_alpha;               // [tools]
+  std::vector<std::uint8_t> free_node;            // [nodes] 1: moves, 0: held at rest
+  double total_mass_kg = 0;                       // kg, of the tissue
 
   std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }

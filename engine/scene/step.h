@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "engine/device/device.h"
+#include "engine/numerics/isa.h"
 #include "engine/scene/scene.h"
 #include "engine/scene/state.h"
 
@@ -46,8 +47,8 @@ struct StepReport {
   double residual = 0;     // relative, as the solver's tolerance is
   bool converged = false;  // by tolerance; false: stopped by the cap
   bool finite = true;      // all of the new state
-  double kinetic_energy_J = 0;  // J, tissue, at the end of the step
-  double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step (0 unless scene asks)
+  double kinetic_energy_J = 0;  // J, tissue, at the start of the step (0 unless the scene asks for energies)
+  double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
 };
 
@@ -57,7 +58,7 @@ struct WorkspaceDeleter {
   void operator()(Workspace* workspace) const;
 };
 using WorkspacePtr = std::unique_ptr<Workspace, WorkspaceDeleter>;
-WorkspacePtr make_workspace(const Scene& scene, int threads);
+WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa = widest_isa());
 
 // Advances `state` by scene.settings.step_s. samples: one a tool, the device at the END of the step.
 // Neither allocates (after the first step) nor throws. report.tools must have one entry a tool (make_report).

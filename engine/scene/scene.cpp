@@ -1,0 +1,105 @@
+#include "engine/scene/scene.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "engine/numerics/error.h"
+
+namespace sulcus {
+namespace {
+
+[[noreturn]] void refuse(const std::string& what, double found, const std::string& expected) {
+  throw InputError("scene: " + what + " is " + std::to_string(found) + "; give " + expected);
+}
+
+void check_positive(const char* what, double value) {
+  if (!(value > 0) || !std::isfinite(value)) refuse(what, value, "a positive number");
+}
+
+void check_not_negative(const char* what, double value) {
+  if (!(value >= 0) || !std::isfinite(value)) refuse(what, value, "zero or a positive number");
+}
+
+void check_tool(const Tool& tool) {
+  const std::string name = "tool \"" + tool.name + "\": ";
+  check_positive((name + "mass (kg)").c_str(), tool.body.mass_kg);
+  const Mat3& inertia = tool.body.inertia_kg_m2;
+  const bool definite = inertia.allFinite() && (inertia - inertia.transpose()).norm() <= 1e-9 * inertia.norm() &&
+                        inertia(0, 0) > 0 && inertia(0, 0) * inertia(1, 1) - inertia(0, 1) * inertia(1, 0) > 0 &&
+                        inertia.determinant() > 0;
+  if (!definite) {
+    throw InputError("scene: " + name + "the inertia is not symmetric positive definite; give moments above zero");
+  }
+  check_not_negative((name + "coupling stiffness (N/m)").c_str(), tool.coupling.stiffness_N_m);
+  check_not_negative((name + "coupling damping (N s/m)").c_str(), tool.coupling.damping_N_s_m);
+  check_not_negative((name + "rotational coupling stiffness (N m/rad)").c_str(),
+                     tool.coupling.rotational_stiffness_N_m_rad);
+  check_not_negative((name + "rotational coupling damping (N m s/rad)").c_str(),
+                     tool.coupling.rotational_damping_N_m_s_rad);
+  check_not_negative((name + "output filter (Hz)").c_str(), tool.filter_Hz);
+  for (const Vec3& vertex : tool.surface.vertices) {
+    if (!vertex.allFinite()) throw InputError("scene: " + name + "a vertex is not finite");
+  }
+}
+
+void check(const SceneDescription& d, std::int64_t nodes) {
+  check_positive("the time step (s)", d.step_s);
+  check_not_negative("Rayleigh alpha (1/s)", d.damping.alpha_1_s);
+  check_not_negative("Rayleigh beta (s)", d.damping.beta_s);
+  check_not_negative("contact stiffness (N/m)", d.contact.stiffness_N_m);
+  check_not_negative("contact damping (N s/m)", d.contact.damping_N_s_m);
+  if (!(d.contact.anisotropy >= 0 && d.contact.anisotropy <= 1)) {
+    refuse("contact anisotropy", d.contact.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
+  }
+  check_positive("the solver's tolerance", d.solver.tolerance);
+  check_positive("the solver's iteration cap", d.solver.max_iterations);
+  if (!d.gravity.allFinite()) throw InputError("scene: gravity is not finite");
+  for (const Tool& tool : d.tools) check_tool(tool);
+  const auto check_node = [&](std::int32_t node) {
+    if (node < 0 || node >= nodes) refuse("a node number", node, "one below " + std::to_string(nodes));
+  };
+  for (std::int32_t node : d.fixed_nodes) check_node(node);
+  for (const NodeSpring& spring : d.springs) {
+    check_node(spring.node);
+    check_not_negative("a spring's stiffness (N/m)", spring.stiffness_N_m);
+    check_not_negative("a spring's damping (N s/m)", spring.damping_N_s_m);
+  }
+}
+
+}  // namespace
+
+Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
+  check(description, static_cast<std::int64_t>(mesh.rest_positions.size()));
+  Scene scene;
+  scene.settings = std::move(description);
+  scene.mesh = std::move(mesh);
+  const SceneDescription& d = scene.settings;
+
+  // materials: number 0 is the default, then the named labels in ascending order
+  std::vector<Material> materials{d.material};
+  std::map<std::int32_t, std::int32_t> number;
+  for (const auto& [label, material] : d.materials) {
+    number[label] = static_cast<std::int32_t>(materials.size());
+    materials.push_back(material);
+  }
+  std::vector<std::int32_t> material_of_tet(scene.mesh.tets.size(), 0);
+  for (std::size_t t = 0; t < material_of_tet.size(); ++t) {
+    const auto cell = t / static_cast<std::size_t>(scene.mesh.tets_per_cell);
+    const auto found = number.find(scene.mesh.cell_label[cell]);
+    if (found != number.end()) material_of_tet[t] = found->second;
+  }
+  scene.elements = build_elements(scene.mesh, materials, material_of_tet);
+  scene.sparsity = build_sparsity(scene.mesh);
+
+  scene.free_node.assign(scene.mesh.rest_positions.size(), 1);
+  for (std::int32_t node : d.fixed_nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;
+  for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
+  for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));
+  if (!d.tools.empty()) {
+    scene.distance = std::make_unique<const DistanceField>(build_distance_field(d.map, d.pairs));
+  }
+  return scene;
+}
+
+}  // namespace sulcus
