@@ -52,7 +52,7 @@ std::string summary_json(const RunData& run, std::span<const Check> checks);
 // Writes it atomically. Throws EnvironmentError with the place and the remedy.
 void write_summary(const std::filesystem::path& path, const RunData& run, std::span<const Check> checks);
 
-// Nearest-rank quantile, share in [0, 1]; NaN of nothing.
+// Nearest-rank quantile, share in [0, 1]; NaN of nothing and of NaN.
 double quantile(std::vector<double> values, double share);
 
 }  // namespace sulcus
