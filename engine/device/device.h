@@ -54,6 +54,10 @@ constexpr const char* state_name(DeviceState state) {
   return names[static_cast<int>(state)];
 }
 
+// Work at the servo's own rate: the command that answers a sample (servo.h). Runs in the device's servo
+// thread: must not throw, allocate, lock or wait.
+using ServoFunction = DeviceCommand (*)(void* user, const DeviceSample& sample);
+
 // Life: closed -open()-> open -calibrate()-> calibrated -arm()-> armed -read()-> running -close()-> closed.
 // open(), calibrate() and arm() out of this order throw EnvironmentError; read() before arm() gives fatal.
 // Any fatal error leads to faulted, where force is zero; only close() leads out of it.
@@ -72,6 +76,11 @@ class Device {
   // DeviceError::ended: the trajectory has no sample for that time. Does not throw, allocate or wait.
   virtual DeviceError read(double time_s, DeviceSample& sample) = 0;
   virtual void write(const DeviceCommand& command) = 0;
+
+  // Before arm(). True: the device has a servo thread of its own and from arm() to close() calls `function`
+  // there at each tick instead of waiting for write(). False: it has none; the caller reads, renders and
+  // writes at 1 kHz. `user` must live until close().
+  virtual bool set_servo(ServoFunction /*function*/, void* /*user*/) { return false; }
 };
 
 }  // namespace sulcus

@@ -1,0 +1,85 @@
+// However a process ends while the motors push, the last thing that they are told is zero.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "hw_phantom/standin/control.h"
+
+namespace sulcus {
+namespace {
+
+struct Ending {
+  int status = 0;  // of waitpid
+  standin::Log log{};
+};
+
+Ending run_child(const char* how) {
+  const std::string path = std::string(SULCUS_BINARY_DIR) + "/phantom_exit_" + how + ".log";
+  std::filesystem::remove(path);
+  const pid_t child = fork();
+  if (child == 0) {
+    setenv("SULCUS_STANDIN_LOG", path.c_str(), 1);
+    const int quiet = open("/dev/null", O_WRONLY);
+    dup2(quiet, STDERR_FILENO);
+    execl(PHANTOM_EXIT_CHILD, PHANTOM_EXIT_CHILD, how, nullptr);
+    _exit(98);
+  }
+  Ending ending;
+  waitpid(child, &ending.status, 0);
+  std::ifstream file(path, std::ios::binary);
+  char bytes[sizeof(standin::Log)] = {};
+  file.read(bytes, sizeof(bytes));
+  EXPECT_TRUE(file.good());
+  std::memcpy(&ending.log, bytes, sizeof(bytes));
+  return ending;
+}
+
+void expect_killed_without_force(const char* how, int signal_number) {
+  const Ending ending = run_child(how);
+  EXPECT_TRUE(WIFSIGNALED(ending.status)) << ending.status;
+  EXPECT_EQ(WTERMSIG(ending.status), signal_number);
+  EXPECT_GT(ending.log.largest_force_N, 0.3);  // it did push
+  EXPECT_EQ(ending.log.force_N, 0);
+}
+
+void expect_clean_exit(const char* how, std::uint64_t disabled) {
+  const Ending ending = run_child(how);
+  EXPECT_TRUE(WIFEXITED(ending.status)) << ending.status;
+  EXPECT_EQ(WEXITSTATUS(ending.status), 0);
+  EXPECT_GT(ending.log.largest_force_N, 0.3);
+  EXPECT_EQ(ending.log.force_N, 0);
+  EXPECT_EQ(ending.log.scheduler_runs, 0u);
+  EXPECT_EQ(ending.log.disabled, disabled);
+}
+
+TEST(Exit, AbortLeavesNoForce) {
+  expect_killed_without_force("abort", SIGABRT);
+}
+TEST(Exit, TerminateLeavesNoForce) {
+  expect_killed_without_force("terminate", SIGABRT);
+}
+TEST(Exit, SegmentationFaultLeavesNoForce) {
+  expect_killed_without_force("segv", SIGSEGV);
+}
+TEST(Exit, InterruptLeavesNoForce) {
+  expect_killed_without_force("int", SIGINT);
+}
+TEST(Exit, TerminationLeavesNoForce) {
+  expect_killed_without_force("term", SIGTERM);
+}
+TEST(Exit, OrdinaryExitTearsDown) {
+  expect_clean_exit("exit", 1);
+}
+TEST(Exit, ExitWithoutDisablingIsClean) {
+  expect_clean_exit("skip_disable", 0);
+}
+
+}  // namespace
+}  // namespace sulcus
