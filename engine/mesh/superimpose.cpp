@@ -4,6 +4,7 @@
 #include <cstring>
 #include <numeric>
 
+#include "engine/volume/large_array.h"
 #include "engine/volume/voxel_links.h"
 
 namespace sulcus {
@@ -70,110 +71,19 @@ class CellSplitter {
       : map_(map), links_(links), superimpose_(superimpose), copy_of_voxel_(copy_of_voxel) {}
 
   void split(const Box& box, const Index3& cell, CellLayer& layer) {
+    const auto first = static_cast<std::int32_t>(layer.position.size());
     int pieces = 0;
     switch (kind(box)) {
       case Kind::empty:
         break;
       case Kind::whole:
-        pieces = 1;
-        fill(box, static_cast<std::int32_t>(layer.position.size()));
+        pieces = take_whole(box, first);
         break;
       case Kind::mixed:
-        pieces = grow(box, static_cast<std::int32_t>(layer.position.size()));
+        pieces = superimpose_ ? grow(box, first) : take_labelled(box, first);
         break;
     }
     layer.count.push_back(pieces);
-    if (pieces > 0) describe(box, cell, pieces, layer);
-  }
-
- private:
-  enum class Kind { empty, whole, mixed };
-
-  // Whether all voxels are empty, or all are labelled and linked with their neighbours in the cell.
-  Kind kind(const Box& box) const {
-    std::uint8_t any = 0, all = 0xff;
-    for (int k = box.begin[2]; k < box.end[2]; ++k) {
-      const std::uint8_t k_border = k + 1 == box.end[2] ? link_k : 0;
-      for (int j = box.begin[1]; j < box.end[1]; ++j) {
-        const auto border = static_cast<std::uint8_t>(k_border | (j + 1 == box.end[1] ? link_j : 0));
-        const std::uint8_t* row = links_.data() + map_.index(0, j, k);
-        for (int i = box.begin[0]; i < box.end[0]; ++i) {
-          any |= row[i];
-          all &= static_cast<std::uint8_t>(row[i] | border | (i + 1 == box.end[0] ? link_i : 0));
-        }
-      }
-      if ((any & voxel_labelled) && all != 0xff &&
-          (all & (voxel_labelled | links_all)) != (voxel_labelled | links_all)) {
-        return Kind::mixed;
-      }
-    }
-    return any & voxel_labelled ? Kind::whole : Kind::empty;
-  }
-
-  void fill(const Box& box, std::int32_t copy) {
-    for (int k = box.begin[2]; k < box.end[2]; ++k) {
-      for (int j = box.begin[1]; j < box.end[1]; ++j) {
-        std::int32_t* row = copy_of_voxel_.data() + map_.index(0, j, k);
-        std::fill(row + box.begin[0], row + box.end[0], copy);
-      }
-    }
-  }
-
-  // Union-find over the voxels of a cell; returns the number of pieces, numbered by their first voxel.
-  int grow(const Box& box, std::int32_t first_copy) {
-    const int nx = box.end[0] - box.begin[0], ny = box.end[1] - box.begin[1], nz = box.end[2] - box.begin[2];
-    parent_.resize(static_cast<std::size_t>(nx) * ny * nz);
-    std::iota(parent_.begin(), parent_.end(), 0);
-    std::int32_t n = 0, seen = -1;
-    for (int k = 0; k < nz; ++k) {
-      for (int j = 0; j < ny; ++j) {
-        const std::uint8_t* row =
-            links_.data() + map_.index(box.begin[0], box.begin[1] + j, box.begin[2] + k);
-        for (int i = 0; i < nx; ++i, ++n) {
-          if (!(row[i] & voxel_labelled)) continue;
-          if (!superimpose_) {
-            if (seen >= 0) unite(parent_.data(), seen, n);
-            seen = n;
-            continue;
-          }
-          if (row[i] & link_i && i + 1 < nx) unite(parent_.data(), n, n + 1);
-          if (row[i] & link_j && j + 1 < ny) unite(parent_.data(), n, n + nx);
-          if (row[i] & link_k && k + 1 < nz) unite(parent_.data(), n, n + nx * ny);
-        }
-      }
-    }
-    // Roots come before their members: number them in passing.
-    int pieces = 0;
-    n = 0;
-    piece_.resize(parent_.size());
-    for (int k = 0; k < nz; ++k) {
-      for (int j = 0; j < ny; ++j) {
-        const std::size_t at = map_.index(box.begin[0], box.begin[1] + j, box.begin[2] + k);
-        for (int i = 0; i < nx; ++i, ++n) {
-          if (!(links_[at + i] & voxel_labelled)) continue;
-          const std::int32_t root = find_root(parent_.data(), n);
-          if (root == n) piece_[n] = pieces++;
-          copy_of_voxel_[at + i] = first_copy + piece_[root];
-        }
-      }
-    }
-    return pieces;
-  }
-
-  // Voxels and labels of the copies just found.
-  void describe(const Box& box, const Index3& cell, int pieces, CellLayer& layer) {
-    const auto first = static_cast<std::int32_t>(layer.position.size());
-    if (labels_.size() < static_cast<std::size_t>(pieces)) labels_.resize(pieces);
-    for (int p = 0; p < pieces; ++p) labels_[p].clear();
-    for (int k = box.begin[2]; k < box.end[2]; ++k) {
-      for (int j = box.begin[1]; j < box.end[1]; ++j) {
-        const std::size_t row = map_.index(0, j, k);
-        for (int i = box.begin[0]; i < box.end[0]; ++i) {
-          const std::int32_t copy = copy_of_voxel_[row + i];
-          if (copy >= 0) labels_[copy - first].push_back(map_.labels[row + i]);
-        }
-      }
-    }
     for (int p = 0; p < pieces; ++p) {
       layer.position.push_back(cell);
       layer.voxels.push_back(static_cast<std::int32_t>(labels_[p].size()));
@@ -181,11 +91,128 @@ class CellSplitter {
     }
   }
 
+ private:
+  enum class Kind { empty, whole, mixed };
+
+  // Whether all voxels are empty, or all are labelled and linked with their neighbours in the cell.
+  Kind kind(const Box& box) const {
+    constexpr std::uint64_t every = 0x0101010101010101ULL;
+    const int nx = box.end[0] - box.begin[0];
+    std::uint64_t any = 0, all = ~std::uint64_t{0};
+    for (int k = box.begin[2]; k < box.end[2]; ++k) {
+      for (int j = box.begin[1]; j < box.end[1]; ++j) {
+        const int border = (k + 1 == box.end[2] ? link_k : 0) | (j + 1 == box.end[1] ? link_j : 0);
+        const std::uint8_t* row = links_.data() + map_.index(box.begin[0], j, k);
+        for (int i = 0; i < nx; i += 8) {  // 8 voxels of the row, those of the next cell masked
+          std::uint64_t eight = 0;
+          std::memcpy(&eight, row + i, 8);
+          const int left = nx - i;
+          const std::uint64_t mask = left < 8 ? (std::uint64_t{1} << 8 * left) - 1 : ~std::uint64_t{0};
+          const std::uint64_t last = left <= 8 ? std::uint64_t{link_i} << 8 * (left - 1) : 0;
+          any |= eight & mask;
+          all &= eight | ~mask | last | every * static_cast<std::uint64_t>(border);
+        }
+      }
+      if (any != 0 && (all & every * 15) != every * 15) return Kind::mixed;
+    }
+    return any != 0 ? Kind::whole : Kind::empty;
+  }
+
+  int take_whole(const Box& box, std::int32_t copy) {
+    start_pieces(1);
+    for (int k = box.begin[2]; k < box.end[2]; ++k) {
+      for (int j = box.begin[1]; j < box.end[1]; ++j) {
+        const std::size_t row = map_.index(0, j, k);
+        std::fill_n(copy_of_voxel_.data() + row + box.begin[0], box.end[0] - box.begin[0], copy);
+        const std::int32_t* labels = map_.labels.data() + row;
+        labels_[0].insert(labels_[0].end(), labels + box.begin[0], labels + box.end[0]);
+      }
+    }
+    return 1;
+  }
+
+  int take_labelled(const Box& box, std::int32_t copy) {
+    start_pieces(1);
+    for (int k = box.begin[2]; k < box.end[2]; ++k) {
+      for (int j = box.begin[1]; j < box.end[1]; ++j) {
+        for (std::size_t v = map_.index(box.begin[0], j, k); v < map_.index(box.end[0], j, k); ++v) {
+          if (!(links_[v] & voxel_labelled)) continue;
+          copy_of_voxel_[v] = copy;
+          labels_[0].push_back(map_.labels[v]);
+        }
+      }
+    }
+    return 1;
+  }
+
+  // The pieces of a cell in two runs over its voxels: the first hands on tentative numbers along the links
+  // and notes which are the same piece, the second numbers the pieces by their first voxel.
+  int grow(const Box& box, std::int32_t first_copy) {
+    const int nx = box.end[0] - box.begin[0], ny = box.end[1] - box.begin[1], nz = box.end[2] - box.begin[2];
+    tentative_.resize(static_cast<std::size_t>(nx) * ny * nz);
+    parent_.clear();
+    std::int32_t* number = tentative_.data();
+    for (int k = 0; k < nz; ++k) {
+      for (int j = 0; j < ny; ++j) {
+        const std::size_t at = map_.index(box.begin[0], box.begin[1] + j, box.begin[2] + k);
+        const std::uint8_t* row = links_.data() + at;
+        const std::uint8_t* row_j = j > 0 ? row - map_.size[0] : nullptr;
+        const std::uint8_t* row_k =
+            k > 0 ? row - static_cast<std::ptrdiff_t>(map_.size[0]) * map_.size[1] : nullptr;
+        for (int i = 0; i < nx; ++i, ++number) {
+          if (!(row[i] & voxel_labelled)) continue;
+          std::int32_t here = -1;
+          if (i > 0 && row[i - 1] & link_i) here = join(here, number[-1]);
+          if (row_j && row_j[i] & link_j) here = join(here, number[-nx]);
+          if (row_k && row_k[i] & link_k) here = join(here, number[-nx * ny]);
+          if (here < 0) {
+            here = static_cast<std::int32_t>(parent_.size());
+            parent_.push_back(here);
+          }
+          *number = here;
+        }
+      }
+    }
+    // The root of a piece is its smallest number, which its first voxel has.
+    int pieces = 0;
+    piece_.resize(parent_.size());
+    for (std::size_t n = 0; n < parent_.size(); ++n) {
+      const std::int32_t root = find_root(parent_.data(), static_cast<std::int32_t>(n));
+      piece_[n] = root == static_cast<std::int32_t>(n) ? pieces++ : piece_[root];
+    }
+    start_pieces(pieces);
+    number = tentative_.data();
+    for (int k = 0; k < nz; ++k) {
+      for (int j = 0; j < ny; ++j) {
+        const std::size_t at = map_.index(box.begin[0], box.begin[1] + j, box.begin[2] + k);
+        for (int i = 0; i < nx; ++i, ++number) {
+          if (!(links_[at + i] & voxel_labelled)) continue;
+          const std::int32_t piece = piece_[*number];
+          copy_of_voxel_[at + i] = first_copy + piece;
+          labels_[piece].push_back(map_.labels[at + i]);
+        }
+      }
+    }
+    return pieces;
+  }
+
+  // The number of a voxel that is linked with one of number `other`; -1: it has none yet.
+  std::int32_t join(std::int32_t here, std::int32_t other) {
+    if (here < 0 || here == other) return other;
+    unite(parent_.data(), here, other);
+    return here;
+  }
+
+  void start_pieces(int pieces) {
+    if (labels_.size() < static_cast<std::size_t>(pieces)) labels_.resize(pieces);
+    for (int p = 0; p < pieces; ++p) labels_[p].clear();
+  }
+
   const LabelMap& map_;
   const std::vector<std::uint8_t>& links_;
   bool superimpose_;
   std::vector<std::int32_t>& copy_of_voxel_;
-  std::vector<std::int32_t> parent_, piece_;
+  std::vector<std::int32_t> tentative_, parent_, piece_;
   std::vector<std::vector<std::int32_t>> labels_;  // of each piece, in voxel order
   std::vector<Link> counts_;
 };
@@ -195,7 +222,7 @@ class CellSplitter {
 CellCopies make_cell_copies(const LabelMap& map, const std::vector<std::uint8_t>& links, const Index3& grid,
                             const Index3& voxels_per_cell, bool superimpose) {
   CellCopies copies;
-  copies.copy_of_voxel.assign(map.voxel_count(), -1);
+  copies.copy_of_voxel = large_vector<std::int32_t>(map.voxel_count(), -1);
   std::vector<CellLayer> layers(static_cast<std::size_t>(grid[2]));
 #pragma omp parallel
   {

@@ -33,7 +33,7 @@ class SurfaceBuilder {
  public:
   SurfaceBuilder(const LabelMap& map, const SeparationPairs& pairs, const EmbeddingMesh& mesh)
       : map_(map), mesh_(mesh), links_(build_voxel_links(map, pairs)) {
-    for (std::size_t v = 0; v < links_.size(); ++v) {
+    for (std::size_t v = 0; v < map.voxel_count(); ++v) {
       if (mesh.cell_of_voxel[v] < 0) links_[v] = 0;
     }
     for (auto& plane : slot_) plane.resize(static_cast<std::size_t>(map.size[0] + 1) * (map.size[1] + 1));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "engine/volume/distance_smoothing.h"
 #include "engine/volume/distance_transform.h"
 #include "engine/volume/voxel_links.h"
 
@@ -28,12 +29,15 @@ std::vector<float> distance_to_border(const LabelMap& map) {
 
 }  // namespace
 
-DistanceField build_distance_field(const LabelMap& map, const SeparationPairs& pairs) {
+DistanceField build_distance_field(const LabelMap& map, const SeparationPairs& pairs, DistanceKind kind) {
   check_label_map(map);
   const bool empty =
       std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; });
   if (empty) return {distance_to_border(map)};
-  return {face_distance(map.size, map.spacing, build_voxel_links(map, pairs))};
+  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  DistanceField field{face_distance(map.size, map.spacing, links)};
+  if (kind == DistanceKind::smooth) smooth_near_boundary(map, links, field.distance);
+  return field;
 }
 
 }  // namespace sulcus

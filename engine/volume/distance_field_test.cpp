@@ -69,7 +69,7 @@ TEST(DistanceField, EqualsBruteForceOverAllFaces) {
     map.labels[random() % map.labels.size()] = 1;
     map.spacing = {1e-3 * (1 + random_below(random, 3)), 0.7e-3 * (1 + random_below(random, 3)), 1.3e-3};
     const SeparationPairs pairs = random_pairs(random, 3);
-    const DistanceField field = build_distance_field(map, pairs);
+    const DistanceField field = build_distance_field(map, pairs, DistanceKind::voxel_faces);
     const std::vector<double> expected = brute_force(map, pairs);
     for (std::size_t v = 0; v < expected.size(); ++v) {
       ASSERT_NEAR(field.distance[v], expected[v], 4e-7 * expected[v]) << "trial " << trial << " voxel " << v;
@@ -82,7 +82,7 @@ TEST(DistanceField, IsExactFarFromAFewVoxelsInALargeImage) {
   LabelMap map = empty_map({70, 41, 53});
   for (int n = 0; n < 3; ++n) map.labels[random() % map.labels.size()] = 1 + n;
   const SeparationPairs pairs;
-  const DistanceField field = build_distance_field(map, pairs);
+  const DistanceField field = build_distance_field(map, pairs, DistanceKind::voxel_faces);
   const std::vector<double> expected = brute_force(map, pairs);
   for (std::size_t v = 0; v < expected.size(); ++v)
     ASSERT_NEAR(field.distance[v], expected[v], 4e-7 * expected[v]);

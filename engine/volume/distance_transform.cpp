@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 
+#include "engine/volume/large_array.h"
 #include "engine/volume/min_plus.h"
 #include "engine/volume/voxel_links.h"
 
@@ -77,8 +78,8 @@ class Transform {
         plane_(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_)),
         links_(links),
         squares_{half_squares(nx_, spacing[0]), half_squares(ny_, spacing[1]), half_squares(nz_, spacing[2])},
-        whole_(plane_ * static_cast<std::size_t>(nz_)),
-        between_(plane_ * static_cast<std::size_t>(nz_ + 1)),
+        whole_(large_vector<float>(plane_ * static_cast<std::size_t>(nz_), 0)),
+        between_(large_scratch<float>(plane_ * static_cast<std::size_t>(nz_ + 1))),
         whole_finite_(static_cast<std::size_t>(nz_)),
         between_finite_(static_cast<std::size_t>(nz_) + 1) {}
 
@@ -238,7 +239,7 @@ class Transform {
     for (int n = 0; n <= ny_; ++n) {
       work.half_finite[n] = (n > 0 && work.rows_finite[n - 1]) || (n < ny_ && work.rows_finite[n]) ? 1 : 0;
     }
-    columns(work, between_.data() + static_cast<std::size_t>(m) * plane_);
+    columns(work, between_.get() + static_cast<std::size_t>(m) * plane_);
   }
 
   // The pass along k for a strip of stacks, and the root.
@@ -257,7 +258,7 @@ class Transform {
     for (int m = 0; m <= nz_; ++m) {
       float* to = half.data() + static_cast<std::size_t>(m) * lanes;
       if (between_finite_[m]) {
-        std::memcpy(to, between_.data() + static_cast<std::size_t>(m) * plane_ + at, width);
+        std::memcpy(to, between_.get() + static_cast<std::size_t>(m) * plane_ + at, width);
       } else {
         std::fill_n(to, lanes, infinite);
       }
@@ -275,8 +276,8 @@ class Transform {
   std::size_t plane_;
   const std::vector<std::uint8_t>& links_;
   std::vector<float> squares_[3];
-  std::vector<float> whole_;    // [nz][ny][nx] planes of voxel centres
-  std::vector<float> between_;  // [nz + 1][ny][nx] planes between them
+  std::vector<float> whole_;          // [nz][ny][nx] planes of voxel centres
+  std::unique_ptr<float[]> between_;  // [nz + 1][ny][nx] planes between them
   std::vector<std::uint8_t> whole_finite_, between_finite_;
 };
 

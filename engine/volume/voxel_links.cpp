@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "engine/volume/large_array.h"
+
 namespace sulcus {
 
 namespace {
@@ -54,47 +56,87 @@ class PairTable {
   std::vector<bool> separated_;
 };
 
-// Links of one row; `at_j` and `at_k` are the rows at j + 1 and k + 1 (null at the border).
+constexpr int block = 32;  // voxels looked at together
+
+// Neighbours of a block of voxels at +i, +j, +k.
+struct Neighbours {
+  const std::int32_t *i, *j, *k;
+};
+
+// Links between equal labels, and in the upper four bits those between different labels, which the table has
+// to confirm; without a branch.
+void link_equal(const std::int32_t* here, const Neighbours& next, std::uint8_t* links) {
+  const auto mask = [](bool condition) { return -static_cast<std::int32_t>(condition); };
+  const auto link = [&](std::int32_t a, std::int32_t b, int bit) {
+    const std::int32_t equal = mask(a == b);
+    return mask(b != 0) & ((equal & bit) | (~equal & (bit << 4)));
+  };
+  std::int32_t wide[block];
+  for (int n = 0; n < block; ++n) {
+    wide[n] = mask(here[n] != 0) & (voxel_labelled | link(here[n], next.i[n], link_i) |
+                                    link(here[n], next.j[n], link_j) | link(here[n], next.k[n], link_k));
+  }
+  for (int n = 0; n < block; ++n) links[n] = static_cast<std::uint8_t>(wide[n]);
+}
+
+void ask_table(const PairTable& table, const std::int32_t* here, const Neighbours& next,
+               std::uint8_t* links) {
+  for (int n = 0; n < block; n += 8) {
+    std::uint64_t eight = 0;
+    std::memcpy(&eight, links + n, 8);
+    if (!(eight & 0x7070707070707070ULL)) continue;
+    for (int m = n; m < n + 8; ++m) {
+      const int ask = links[m] >> 4;
+      int found = links[m] & 15;
+      if (ask & link_i && !table.separated(here[m], next.i[m])) found |= link_i;
+      if (ask & link_j && !table.separated(here[m], next.j[m])) found |= link_j;
+      if (ask & link_k && !table.separated(here[m], next.k[m])) found |= link_k;
+      links[m] = static_cast<std::uint8_t>(found);
+    }
+  }
+}
+
+bool all_empty(const std::int32_t* labels) {
+  std::int32_t any = 0;
+  for (int n = 0; n < block; ++n) any |= labels[n];
+  return any == 0;
+}
+
+// The last voxels of a row, fewer than a block, one by one; `at_j` and `at_k` are null at the border.
+void link_rest(const PairTable& table, const std::int32_t* row, const std::int32_t* at_j,
+               const std::int32_t* at_k, int begin, int count, std::uint8_t* links) {
+  const auto link = [&](std::int32_t a, std::int32_t b, int bit) {
+    return b != 0 && (a == b || !table.separated(a, b)) ? bit : 0;
+  };
+  for (int i = begin; i < count; ++i) {
+    if (row[i] == 0) continue;
+    int found = voxel_labelled;
+    if (i + 1 < count) found |= link(row[i], row[i + 1], link_i);
+    if (at_j) found |= link(row[i], at_j[i], link_j);
+    if (at_k) found |= link(row[i], at_k[i], link_k);
+    links[i] = static_cast<std::uint8_t>(found);
+  }
+}
+
+// Links of one row; `at_j` and `at_k` are the rows at j + 1 and k + 1, null at the border.
 void link_row(const PairTable& table, const std::int32_t* row, const std::int32_t* at_j,
               const std::int32_t* at_k, int count, std::uint8_t* links) {
-  // Equal labels first, without a branch; `ask` (bit b << 4) marks the neighbours that a pair could separate.
-  const auto link = [](std::int32_t a, std::int32_t b, int bit) {
-    const int both = (a != 0) & (b != 0), equal = a == b;
-    return (both & equal) * bit | (both & (equal ^ 1)) * (bit << 4);
-  };
-  for (int i = 0; i < count; ++i) links[i] = row[i] != 0 ? voxel_labelled : 0;
-  for (int i = 0; i + 1 < count; ++i) links[i] |= static_cast<std::uint8_t>(link(row[i], row[i + 1], link_i));
-  if (at_j) {
-    for (int i = 0; i < count; ++i) links[i] |= static_cast<std::uint8_t>(link(row[i], at_j[i], link_j));
+  static constexpr std::int32_t nothing[block] = {};
+  int i = 0;
+  for (; i + block < count; i += block) {  // the neighbour at +i exists for all
+    if (all_empty(row + i)) continue;
+    const Neighbours next{row + i + 1, at_j ? at_j + i : nothing, at_k ? at_k + i : nothing};
+    link_equal(row + i, next, links + i);
+    ask_table(table, row + i, next, links + i);
   }
-  if (at_k) {
-    for (int i = 0; i < count; ++i) links[i] |= static_cast<std::uint8_t>(link(row[i], at_k[i], link_k));
-  }
-  // Then the table for the few neighbours that differ, eight voxels a look.
-  for (int i = 0; i < count;) {
-    std::uint64_t eight = 0;
-    std::memcpy(&eight, links + i, static_cast<std::size_t>(std::min(8, count - i)));
-    const int end = std::min(i + 8, count);
-    if (!(eight & 0x7070707070707070ULL)) {
-      i = end;
-      continue;
-    }
-    for (; i < end; ++i) {
-      const int ask = links[i] >> 4;
-      int found = links[i] & 15;
-      if (ask & link_i && !table.separated(row[i], row[i + 1])) found |= link_i;
-      if (ask & link_j && !table.separated(row[i], at_j[i])) found |= link_j;
-      if (ask & link_k && !table.separated(row[i], at_k[i])) found |= link_k;
-      links[i] = static_cast<std::uint8_t>(found);
-    }
-  }
+  link_rest(table, row, at_j, at_k, i, count, links);
 }
 
 }  // namespace
 
 std::vector<std::uint8_t> build_voxel_links(const LabelMap& map, const SeparationPairs& pairs) {
   const PairTable table(pairs);
-  std::vector<std::uint8_t> links(map.voxel_count());
+  std::vector<std::uint8_t> links = large_vector<std::uint8_t>(map.voxel_count() + 8, 0);
   const int nx = map.size[0], ny = map.size[1], nz = map.size[2];
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < nz; ++k) {
