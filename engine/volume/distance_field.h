@@ -5,9 +5,10 @@
 // and between two voxels whose labels form a separation pair. The distance [m] from the voxel's centre to the
 // boundary is always positive (the sign is a matter of the side from which one looks: see sample_distance):
 //   voxel_faces  the exact Euclidean distance to the nearest boundary face
-//   smooth       the same, with the staircase of the faces taken out near the boundary (distance_smoothing.h), so
-//                closer to the body that was segmented: on the true surface of spheres 0.08 voxel mean and 0.44
-//                largest error, where voxel_faces has 0.15 and 0.49 (docs/mesher.md has the whole table)
+//   smooth       the same, with the staircase of the faces taken out near the boundary
+//   (distance_smoothing.h), so
+//                closer to the body that was segmented: on the true surface of spheres 0.08 voxel mean and
+//                0.44 largest error, where voxel_faces has 0.15 and 0.49 (docs/mesher.md has the whole table)
 #pragma once
 
 #include <vector>

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "engine/volume/large_array.h"
 #include "engine/volume/voxel_links.h"
 
 namespace sulcus {
@@ -41,21 +42,36 @@ BandVoxel describe(const LabelMap& map, const std::vector<std::uint8_t>& links, 
   return band;
 }
 
-std::vector<BandVoxel> find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                                 const std::vector<float>& distance) {
+struct Band {
+  std::unique_ptr<BandVoxel[]> voxels;
+  std::ptrdiff_t count = 0;
+};
+
+// Counts first and fills then: memory that grows would cost more than the search.
+Band find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
+               const std::vector<float>& distance) {
   const auto limit = static_cast<float>(2 * std::max({map.spacing[0], map.spacing[1], map.spacing[2]}));  // m
-  std::vector<std::vector<BandVoxel>> planes(static_cast<std::size_t>(map.size[2]));
-#pragma omp parallel for schedule(static, 1)
+  const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1];
+  std::vector<std::ptrdiff_t> first(static_cast<std::size_t>(map.size[2]) + 1, 0);  // of each plane
+#pragma omp parallel for schedule(static)
   for (int k = 0; k < map.size[2]; ++k) {
+    const float* voxel = distance.data() + k * plane;
+    int count = 0;
+    for (std::ptrdiff_t v = 0; v < plane; ++v) count += voxel[v] < limit;
+    first[k + 1] = count;
+  }
+  for (int k = 0; k < map.size[2]; ++k) first[k + 1] += first[k];
+  Band band{large_scratch<BandVoxel>(static_cast<std::size_t>(first.back())), first.back()};
+#pragma omp parallel for schedule(static)
+  for (int k = 0; k < map.size[2]; ++k) {
+    BandVoxel* next = band.voxels.get() + first[k];
     for (int j = 0; j < map.size[1]; ++j) {
       const float* row = distance.data() + map.index(0, j, k);
       for (int i = 0; i < map.size[0]; ++i) {
-        if (row[i] < limit) planes[k].push_back(describe(map, links, {i, j, k}));
+        if (row[i] < limit) *next++ = describe(map, links, {i, j, k});
       }
     }
   }
-  std::vector<BandVoxel> band;
-  for (const auto& plane : planes) band.insert(band.end(), plane.begin(), plane.end());
   return band;
 }
 
@@ -64,15 +80,14 @@ std::vector<BandVoxel> find_band(const LabelMap& map, const std::vector<std::uin
 void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& links,
                           std::vector<float>& distance) {
   const std::ptrdiff_t step[3] = {1, map.size[0], static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1]};
-  const std::vector<BandVoxel> band = find_band(map, links, distance);
-  const auto count = static_cast<std::ptrdiff_t>(band.size());
-  std::vector<float> next(band.size());
+  const Band band = find_band(map, links, distance);
+  const std::unique_ptr<float[]> next = large_scratch<float>(static_cast<std::size_t>(band.count));
   for (const float factor : {0.125F, 0.125F, -0.14F, -0.14F}) {
 #pragma omp parallel
     {
 #pragma omp for schedule(static)
-      for (std::ptrdiff_t n = 0; n < count; ++n) {
-        const BandVoxel& v = band[n];
+      for (std::ptrdiff_t n = 0; n < band.count; ++n) {
+        const BandVoxel& v = band.voxels[n];
         const float* here = distance.data() + v.voxel;
         float sum = 0;  // m, of the differences to the neighbours
         for (int b = 0; b < 6; ++b) {
@@ -86,7 +101,7 @@ void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& 
         next[n] = std::max(0.0F, *here + factor * sum);
       }
 #pragma omp for schedule(static)
-      for (std::ptrdiff_t n = 0; n < count; ++n) distance[band[n].voxel] = next[n];
+      for (std::ptrdiff_t n = 0; n < band.count; ++n) distance[band.voxels[n].voxel] = next[n];
     }
   }
 }

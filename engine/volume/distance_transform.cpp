@@ -69,6 +69,13 @@ void fill_row(const int* list, int found, int width, int count, const float* squ
   }
 }
 
+// half[m] = min(half[m], whole[m - 1], whole[m]) over rows of `width` floats: the faces' edges and corners.
+void take_neighbours(const float* whole, std::ptrdiff_t stride, int m, int count, int width, float* half) {
+  const float* before = whole + std::max(m - 1, 0) * stride;
+  const float* after = whole + std::min(m, count - 1) * stride;
+  for (int c = 0; c < width; ++c) half[c] = std::min(half[c], std::min(before[c], after[c]));
+}
+
 class Transform {
  public:
   Transform(const Index3& size, const Vec3& spacing, const std::vector<std::uint8_t>& links)
@@ -100,175 +107,154 @@ class Transform {
     nearest_finite(finite, nz_, first);
 #pragma omp parallel
     {
-      std::vector<float> whole(static_cast<std::size_t>(nz_) * lanes), half(whole.size() + lanes);
+      std::vector<float> whole(static_cast<std::size_t>(nz_) * stack_stride),
+          half(whole.size() + stack_stride);
 #pragma omp for schedule(static)
       for (int j = 0; j < ny_; ++j) {
-        for (int i = 0; i < nx_; i += lanes) stack(i, j, first, whole, half);
+        for (int i = 0; i < nx_; i += stack_width) stacks(i, j, first, whole.data(), half.data());
       }
     }
     return std::move(whole_);
   }
 
  private:
+  // Rows stand an odd number of cache lines apart, so that they spread over the whole cache.
+  static constexpr int line = 16, stack_width = 2 * lanes, stack_stride = stack_width + line;
+
   // Scratch of one thread for a plane.
   struct Plane {
     explicit Plane(const Transform& t)
-        : faces(static_cast<std::size_t>(t.nx_) + 17),
+        : stride((t.nx_ + lanes - 1) / lanes * lanes + line),
+          faces(static_cast<std::size_t>(t.nx_) + 17),
           list(static_cast<std::size_t>(t.nx_) + 17),
-          rows(t.plane_),
-          half_rows(t.plane_ + static_cast<std::size_t>(t.nx_)),
-          rows_finite(static_cast<std::size_t>(t.ny_)),
-          half_finite(static_cast<std::size_t>(t.ny_) + 1),
-          whole(static_cast<std::size_t>(t.ny_) * lanes),
-          half(whole.size() + lanes) {}
+          rows(static_cast<std::size_t>(stride) * t.ny_),
+          half_rows(rows.size() + stride),
+          half_finite(static_cast<std::size_t>(t.ny_) + 1) {}
+    std::ptrdiff_t stride;
     std::vector<std::uint8_t> faces;
     std::vector<int> list;
-    std::vector<float> rows, half_rows;                  // [ny][nx], [ny + 1][nx]
-    std::vector<std::uint8_t> rows_finite, half_finite;  // [ny], [ny + 1]
-    std::vector<int> first;                              // [ny]
-    std::vector<float> whole, half;                      // a strip
+    std::vector<float> rows, half_rows;     // [ny][stride], [ny + 1][stride]
+    std::vector<std::uint8_t> half_finite;  // [ny + 1]
+    std::vector<int> first;                 // [ny]
   };
 
   const std::uint8_t* row(int j, int k) const {
     return links_.data() + (static_cast<std::size_t>(k) * ny_ + static_cast<std::size_t>(j)) * nx_;
   }
 
-  // Faces between two neighbouring rows, `before` linked to `after` by `bit`; either may be null (image
-  // border).
-  bool row_faces(const std::uint8_t* before, const std::uint8_t* after, std::uint8_t bit, Plane& work) const {
-    std::uint8_t* faces = work.faces.data();
-    std::uint8_t any = 0;
-    for (int i = 0; i < nx_; ++i) {
-      const std::uint8_t b = before ? before[i] : 0, a = after ? after[i] : 0;
-      faces[i] = static_cast<std::uint8_t>((a | b) & voxel_labelled && !(b & bit));
-      any |= faces[i];
-    }
-    return any != 0;
-  }
-
+  // Distances along a row to the faces between two neighbouring rows, `before` linked to `after` by `bit`;
+  // either may be null (image border). Infinite, and false, without a face.
   bool scan_beside(const std::uint8_t* before, const std::uint8_t* after, std::uint8_t bit, Plane& work,
                    float* out) const {
-    if (!row_faces(before, after, bit, work)) return false;
-    std::memset(work.faces.data() + nx_, 0, 16);
-    const int found = list_faces(work.faces.data(), nx_, work.list.data());
-    fill_row(work.list.data(), found, 1, nx_, squares_[0].data(), out);
-    return true;
+    std::uint8_t* faces = work.faces.data();
+    std::memset(faces + nx_, 0, 16);
+    std::uint8_t any = 0;
+    for (int i = 0; i < nx_; ++i) {
+      const int b = before ? before[i] : 0, a = after ? after[i] : 0;
+      faces[i] = static_cast<std::uint8_t>(((a | b) >> 3) & ((b & bit) == 0));
+      any |= faces[i];
+    }
+    const int found = any ? list_faces(faces, nx_, work.list.data()) : 0;
+    return fill(found, 1, work, out);
   }
 
+  // Distances along a row to the faces across it.
   bool scan_across(const std::uint8_t* links, Plane& work, float* out) const {
     std::uint8_t* faces = work.faces.data();
     std::memset(faces + nx_, 0, 16);
-    faces[0] = links[0] & voxel_labelled;
+    std::uint8_t any = faces[0] = links[0] >> 3;
     for (int i = 0; i + 1 < nx_; ++i) {
-      faces[i + 1] =
-          static_cast<std::uint8_t>((links[i] | links[i + 1]) & voxel_labelled && !(links[i] & link_i));
+      faces[i + 1] = static_cast<std::uint8_t>(((links[i] | links[i + 1]) >> 3) & ((links[i] & link_i) == 0));
+      any |= faces[i + 1];
     }
-    faces[nx_] = links[nx_ - 1] & voxel_labelled;
-    const int found = list_faces(faces, nx_ + 1, work.list.data());
-    if (found == 0) return false;
-    fill_row(work.list.data(), found, 0, nx_, squares_[0].data(), out);
-    return true;
+    any |= faces[nx_] = links[nx_ - 1] >> 3;
+    const int found = any ? list_faces(faces, nx_ + 1, work.list.data()) : 0;
+    return fill(found, 0, work, out);
   }
 
-  // The pass along j over the finite rows of `work`, to plane `out`.
+  bool fill(int found, int width, const Plane& work, float* out) const {
+    if (found > 0) {
+      fill_row(work.list.data(), found, width, nx_, squares_[0].data(), out);
+    } else {
+      std::fill_n(out, nx_, infinite);
+    }
+    return found > 0;
+  }
+
+  // The pass along j over the rows of `work`, to plane `out`.
   void columns(Plane& work, float* out) const {
+    for (int m = 0; m <= ny_; ++m) {
+      take_neighbours(work.rows.data(), work.stride, m, ny_, nx_, work.half_rows.data() + m * work.stride);
+    }
     nearest_finite(work.half_finite, ny_, work.first);
     for (int i = 0; i < nx_; i += lanes) {
-      const std::size_t width = static_cast<std::size_t>(std::min(lanes, nx_ - i)) * sizeof(float);
-      for (int j = 0; j < ny_; ++j) {
-        float* to = work.whole.data() + static_cast<std::size_t>(j) * lanes;
-        if (work.rows_finite[j]) {
-          std::memcpy(to, work.rows.data() + static_cast<std::size_t>(j) * nx_ + i, width);
-        } else {
-          std::fill_n(to, lanes, infinite);
-        }
-      }
-      for (int m = 0; m <= ny_; ++m) {
-        float* to = work.half.data() + static_cast<std::size_t>(m) * lanes;
-        if (work.half_finite[m] & 2) {
-          std::memcpy(to, work.half_rows.data() + static_cast<std::size_t>(m) * nx_ + i, width);
-        } else {
-          std::fill_n(to, lanes, infinite);
-        }
-        if (work.half_finite[m] & 1) take_neighbours(work.whole.data(), m, ny_, to);
-      }
-      min_plus(work.whole.data(), work.half.data(), ny_, squares_[1].data(), work.first.data(),
-               work.whole.data());
-      for (int j = 0; j < ny_; ++j) {
-        std::memcpy(out + static_cast<std::size_t>(j) * nx_ + i,
-                    work.whole.data() + static_cast<std::size_t>(j) * lanes, width);
-      }
+      min_plus(work.rows.data() + i, work.half_rows.data() + i, work.stride, ny_, squares_[1].data(),
+               work.first.data());
     }
-  }
-
-  // half[m] = min(half[m], whole[m - 1], whole[m])
-  static void take_neighbours(const float* whole, int m, int count, float* half) {
-    const float* before = whole + static_cast<std::ptrdiff_t>(std::max(m - 1, 0)) * lanes;
-    const float* after = whole + static_cast<std::ptrdiff_t>(std::min(m, count - 1)) * lanes;
-    for (int c = 0; c < lanes; ++c) half[c] = std::min(half[c], std::min(before[c], after[c]));
+    for (int j = 0; j < ny_; ++j) {
+      std::memcpy(out + static_cast<std::size_t>(j) * nx_, work.rows.data() + j * work.stride,
+                  static_cast<std::size_t>(nx_) * sizeof(float));
+    }
   }
 
   // Plane k of voxel centres: faces across i and across j, edges and corners included.
   void whole_plane(int k, Plane& work) {
-    bool any = false;
+    std::fill(work.half_finite.begin(), work.half_finite.end(), 0);
     for (int j = 0; j < ny_; ++j) {
-      work.rows_finite[j] =
-          scan_across(row(j, k), work, work.rows.data() + static_cast<std::size_t>(j) * nx_);
+      if (scan_across(row(j, k), work, work.rows.data() + j * work.stride)) {
+        work.half_finite[j] = work.half_finite[j + 1] = 1;
+      }
     }
     for (int m = 0; m <= ny_; ++m) {
-      const bool scanned = scan_beside(m > 0 ? row(m - 1, k) : nullptr, m < ny_ ? row(m, k) : nullptr, link_j,
-                                       work, work.half_rows.data() + static_cast<std::size_t>(m) * nx_);
-      const bool beside = (m > 0 && work.rows_finite[m - 1]) || (m < ny_ && work.rows_finite[m]);
-      work.half_finite[m] = static_cast<std::uint8_t>((scanned ? 2 : 0) | (beside ? 1 : 0));
-      any |= work.half_finite[m] != 0;
+      work.half_finite[m] |= scan_beside(m > 0 ? row(m - 1, k) : nullptr, m < ny_ ? row(m, k) : nullptr,
+                                         link_j, work, work.half_rows.data() + m * work.stride);
     }
-    whole_finite_[k] = any;
-    if (any) columns(work, whole_.data() + static_cast<std::size_t>(k) * plane_);
+    whole_finite_[k] = *std::max_element(work.half_finite.begin(), work.half_finite.end());
+    if (whole_finite_[k]) columns(work, whole_.data() + static_cast<std::size_t>(k) * plane_);
   }
 
   // Plane between the voxel planes m - 1 and m: faces across k.
   void between_plane(int m, Plane& work) {
-    bool any = false;
+    std::fill(work.half_finite.begin(), work.half_finite.end(), 0);
     for (int j = 0; j < ny_; ++j) {
-      work.rows_finite[j] = scan_beside(m > 0 ? row(j, m - 1) : nullptr, m < nz_ ? row(j, m) : nullptr,
-                                        link_k, work, work.rows.data() + static_cast<std::size_t>(j) * nx_);
-      any |= work.rows_finite[j] != 0;
+      if (scan_beside(m > 0 ? row(j, m - 1) : nullptr, m < nz_ ? row(j, m) : nullptr, link_k, work,
+                      work.rows.data() + j * work.stride)) {
+        work.half_finite[j] = work.half_finite[j + 1] = 1;
+      }
     }
-    between_finite_[m] = any;
-    if (!any) return;
-    for (int n = 0; n <= ny_; ++n) {
-      work.half_finite[n] = (n > 0 && work.rows_finite[n - 1]) || (n < ny_ && work.rows_finite[n]) ? 1 : 0;
-    }
+    between_finite_[m] = *std::max_element(work.half_finite.begin(), work.half_finite.end());
+    if (!between_finite_[m]) return;
+    std::fill(work.half_rows.begin(), work.half_rows.end(), infinite);
     columns(work, between_.get() + static_cast<std::size_t>(m) * plane_);
   }
 
-  // The pass along k for a strip of stacks, and the root.
-  void stack(int i, int j, const std::vector<int>& first, std::vector<float>& whole,
-             std::vector<float>& half) {
+  // The pass along k for a few stacks side by side, and the root.
+  void stacks(int i, int j, const std::vector<int>& first, float* whole, float* half) {
     const std::size_t at = static_cast<std::size_t>(j) * nx_ + static_cast<std::size_t>(i);
-    const std::size_t width = static_cast<std::size_t>(std::min(lanes, nx_ - i)) * sizeof(float);
-    for (int k = 0; k < nz_; ++k) {
-      float* to = whole.data() + static_cast<std::size_t>(k) * lanes;
-      if (whole_finite_[k]) {
-        std::memcpy(to, whole_.data() + static_cast<std::size_t>(k) * plane_ + at, width);
+    const int width = std::min(stack_width, nx_ - i);
+    const auto gather = [&](bool finite, const float* plane, float* to) {
+      if (finite) {
+        std::copy_n(plane + at, width, to);
       } else {
-        std::fill_n(to, lanes, infinite);
+        std::fill_n(to, width, infinite);
       }
+    };
+    for (int k = 0; k < nz_; ++k) {
+      gather(whole_finite_[k], whole_.data() + static_cast<std::size_t>(k) * plane_,
+             whole + k * stack_stride);
     }
     for (int m = 0; m <= nz_; ++m) {
-      float* to = half.data() + static_cast<std::size_t>(m) * lanes;
-      if (between_finite_[m]) {
-        std::memcpy(to, between_.get() + static_cast<std::size_t>(m) * plane_ + at, width);
-      } else {
-        std::fill_n(to, lanes, infinite);
-      }
-      take_neighbours(whole.data(), m, nz_, to);
+      gather(between_finite_[m], between_.get() + static_cast<std::size_t>(m) * plane_,
+             half + m * stack_stride);
+      take_neighbours(whole, stack_stride, m, nz_, width, half + m * stack_stride);
     }
-    min_plus(whole.data(), half.data(), nz_, squares_[2].data(), first.data(), whole.data());
-    for (float& value : whole) value = std::sqrt(value);
+    for (int strip = 0; strip < width; strip += lanes) {
+      min_plus(whole + strip, half + strip, stack_stride, nz_, squares_[2].data(), first.data());
+    }
     for (int k = 0; k < nz_; ++k) {
-      std::memcpy(whole_.data() + static_cast<std::size_t>(k) * plane_ + at,
-                  whole.data() + static_cast<std::size_t>(k) * lanes, width);
+      const float* from = whole + k * stack_stride;
+      float* to = whole_.data() + static_cast<std::size_t>(k) * plane_ + at;
+      for (int c = 0; c < width; ++c) to[c] = std::sqrt(from[c]);
     }
   }
 

@@ -12,7 +12,7 @@ void prepare_large(void* begin, std::size_t bytes) {
   constexpr std::uintptr_t page = std::uintptr_t{2} << 20;
   const std::uintptr_t low = (reinterpret_cast<std::uintptr_t>(begin) + page - 1) & ~(page - 1);
   const std::uintptr_t high = (reinterpret_cast<std::uintptr_t>(begin) + bytes) & ~(page - 1);
-  if (bytes < 4 * page || high <= low) return;
+  if (high <= low) return;
 #if defined(__linux__) && defined(MADV_HUGEPAGE)
   (void)madvise(reinterpret_cast<void*>(low), high - low, MADV_HUGEPAGE);  // refusal changes speed alone
 #endif

@@ -1,7 +1,6 @@
 #include "engine/volume/min_plus.h"
 
-#include <cstddef>
-#include <cstdint>
+#include <algorithm>
 #include <cstring>
 
 namespace sulcus {
@@ -12,73 +11,72 @@ using Lanes4 = float __attribute__((vector_size(16)));
 using Lanes8 = float __attribute__((vector_size(32)));
 using Lanes16 = float __attribute__((vector_size(64)));
 
-template <class Lanes>
-[[gnu::always_inline]] inline Lanes load(const float* from) {
-  Lanes lanes;
-  std::memcpy(&lanes, from, sizeof lanes);
-  return lanes;
+// best = min(best, row + add)
+template <class Lanes, int vectors>
+[[gnu::always_inline]] inline void take(Lanes (&best)[vectors], const float* row, float add) {
+  constexpr int width = sizeof(Lanes) / sizeof(float);
+  for (int v = 0; v < vectors; ++v) {
+    Lanes other;
+    std::memcpy(&other, row + v * width, sizeof other);
+    other = other + add;
+    best[v] = other < best[v] ? other : best[v];
+  }
+}
+
+template <class Lanes, int vectors>
+[[gnu::always_inline]] inline bool any_above(const Lanes (&best)[vectors], float limit) {
+  Lanes4 largest = Lanes4{} + limit;
+  for (int v = 0; v < vectors; ++v) {
+    for (std::size_t part = 0; part < sizeof(Lanes) / sizeof(Lanes4); ++part) {
+      Lanes4 four;
+      std::memcpy(&four, reinterpret_cast<const char*>(&best[v]) + part * sizeof four, sizeof four);
+      largest = largest < four ? four : largest;
+    }
+  }
+  return largest[0] > limit || largest[1] > limit || largest[2] > limit || largest[3] > limit;
 }
 
 template <class Lanes>
-[[gnu::always_inline]] inline void run(const float* whole, const float* half, int count, const float* squares,
-                                       const int* first, float* out) {
-  constexpr int width = sizeof(Lanes) / sizeof(float), vectors = min_plus_lanes / width;
+[[gnu::always_inline]] inline void run(float* whole, const float* half, std::ptrdiff_t stride, int count,
+                                       const float* squares, const int* first) {
+  constexpr int vectors = min_plus_lanes * sizeof(float) / sizeof(Lanes), together = 4;
   for (int n = 0; n < count; ++n) {
+    float* at = whole + n * stride;
     Lanes best[vectors];
-    for (int v = 0; v < vectors; ++v) best[v] = load<Lanes>(whole + n * min_plus_lanes + v * width);
-    for (int r = first[n]; r < count; ++r) {
-      const Lanes add = Lanes{} + squares[r];
-      if (n - r >= 0) {
-        const float* row = half + static_cast<std::ptrdiff_t>(n - r) * min_plus_lanes;
-        for (int v = 0; v < vectors; ++v) {
-          const Lanes other = load<Lanes>(row + v * width) + add;
-          best[v] = other < best[v] ? other : best[v];
-        }
+    std::memcpy(best, at, sizeof best);
+    for (int r = first[n]; r < count;) {
+      const int end = std::min(r + together, count);  // whether to stop is asked for several rows at once
+      for (; r < end; ++r) {
+        if (n - r >= 0) take(best, half + (n - r) * stride, squares[r]);
+        if (n + r + 1 <= count) take(best, half + (n + r + 1) * stride, squares[r]);
       }
-      if (n + r + 1 <= count) {
-        const float* row = half + static_cast<std::ptrdiff_t>(n + r + 1) * min_plus_lanes;
-        for (int v = 0; v < vectors; ++v) {
-          const Lanes other = load<Lanes>(row + v * width) + add;
-          best[v] = other < best[v] ? other : best[v];
-        }
-      }
-      // The largest of all columns decides whether a farther row can still be nearer.
-      Lanes largest = best[0];
-      for (int v = 1; v < vectors; ++v) largest = largest < best[v] ? best[v] : largest;
-      const auto above = largest > squares[r + 1];
-      bool go_on = false;
-      std::uint64_t words[sizeof(Lanes) / 8];
-      std::memcpy(words, &above, sizeof words);
-      for (const std::uint64_t word : words) go_on |= word != 0;
-      if (!go_on) break;
+      if (!any_above(best, squares[end])) break;
     }
-    for (int v = 0; v < vectors; ++v)
-      std::memcpy(out + n * min_plus_lanes + v * width, &best[v], sizeof(Lanes));
+    std::memcpy(at, best, sizeof best);
   }
 }
 
 #if defined(__x86_64__)
-[[gnu::target("avx512f,avx512vl,avx512dq,avx512bw")]] void run_avx512(const float* whole, const float* half,
-                                                                      int count, const float* squares,
-                                                                      const int* first, float* out) {
-  run<Lanes16>(whole, half, count, squares, first, out);
+[[gnu::target("avx512f")]] void run_avx512(float* whole, const float* half, std::ptrdiff_t stride, int count,
+                                           const float* squares, const int* first) {
+  run<Lanes16>(whole, half, stride, count, squares, first);
 }
 
-[[gnu::target("avx2")]] void run_avx2(const float* whole, const float* half, int count, const float* squares,
-                                      const int* first, float* out) {
-  run<Lanes8>(whole, half, count, squares, first, out);
+[[gnu::target("avx2")]] void run_avx2(float* whole, const float* half, std::ptrdiff_t stride, int count,
+                                      const float* squares, const int* first) {
+  run<Lanes8>(whole, half, stride, count, squares, first);
 }
 #endif
 
 }  // namespace
 
-void min_plus(const float* whole, const float* half, int count, const float* squares, const int* first,
-              float* out) {
+void min_plus(float* whole, const float* half, std::ptrdiff_t stride, int count, const float* squares,
+              const int* first) {
 #if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx512vl")) return run_avx512(whole, half, count, squares, first, out);
-  if (__builtin_cpu_supports("avx2")) return run_avx2(whole, half, count, squares, first, out);
+  if (__builtin_cpu_supports("avx512f")) return run_avx512(whole, half, stride, count, squares, first);
+  if (__builtin_cpu_supports("avx2")) return run_avx2(whole, half, stride, count, squares, first);
 #endif
-  run<Lanes4>(whole, half, count, squares, first, out);
+  run<Lanes4>(whole, half, stride, count, squares, first);
 }
 
 }  // namespace sulcus
