@@ -1,5 +1,10 @@
 #include "engine/device/conformance_test.h"
 
+#include <sstream>
+
+#include "device_sim/csv.h"
+#include "device_sim/hand.h"
+#include "device_sim/perturbed.h"
 #include "device_sim/recorded.h"
 #include "device_sim/scripted.h"
 
@@ -26,14 +31,37 @@ std::vector<DeviceSample> samples_of(Device& device) {
   return samples;
 }
 
-INSTANTIATE_TEST_SUITE_P(Simulated, DeviceConformance,
-                         testing::Values(DeviceUnderTest{"Scripted", scripted},
-                                         DeviceUnderTest{"Recorded",
-                                                         [] {
-                                                           const auto device = scripted();
-                                                           return make_recorded_device(samples_of(*device));
-                                                         }}),
-                         conformance_name);
+std::unique_ptr<Device> recorded() {
+  const auto device = scripted();
+  return make_recorded_device(samples_of(*device));
+}
+
+std::unique_ptr<Device> from_csv() {
+  std::istringstream table(
+      "time_s,x_m,y_m,z_m,qs,qx,qy,qz,buttons\n"
+      "0,0,0,0.05,1,0,0,0,0\n"
+      "1,0.02,0,0,0.8,0.6,0,0,1\n"
+      "3,0,0.03,0,1,0,0,0,0\n");
+  return make_scripted_device(read_trajectory_csv(table, "table"));
+}
+
+std::unique_ptr<Device> shaking() {
+  ScriptedTrajectory trajectory = swing();
+  trajectory.tremor = {.position_rms_m = 2e-4, .rotation_rms_rad = 0.01};
+  return make_scripted_device(trajectory);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Simulated, DeviceConformance,
+    testing::Values(DeviceUnderTest{"Scripted", scripted}, DeviceUnderTest{"Shaking", shaking},
+                    DeviceUnderTest{"Recorded", recorded}, DeviceUnderTest{"Csv", from_csv},
+                    DeviceUnderTest{"Hand", [] { return make_hand_device(swing(), firm_hand); }},
+                    DeviceUnderTest{"Push",
+                                    [] {
+                                      return make_push_device({.direction = {1, 0, 0}, .threshold_N = 1});
+                                    }},
+                    DeviceUnderTest{"PerturbedOff", [] { return make_perturbed_device(scripted(), {}); }}),
+    conformance_name);
 
 }  // namespace
 }  // namespace sulcus

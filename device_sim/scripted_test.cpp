@@ -134,6 +134,72 @@ TEST(Scripted, TimeThatIsNotFiniteIsFatal) {
   EXPECT_EQ(device->read(0.1, sample), DeviceError::fatal);
 }
 
+ScriptedTrajectory winding() {
+  return {{{0.0, {0, 0, 0}, {}, Path::spline},
+           {0.5, {0.01, 0.02, 0.0}, turned(0.9, -0.5, 0.8), Path::spline},
+           {0.7, {0.03, 0.02, 0.01}, turned(0.2, 1.5, 0.0), Path::spline},
+           {1.5, {-0.02, 0.0, 0.01}, turned(-1, 0.3, 2), Path::spline}}};
+}
+
+TEST(Scripted, SplinePassesThroughItsWaypointsWithContinuousVelocity) {
+  const ScriptedTrajectory trajectory = winding();
+  const auto device = armed(trajectory);
+  constexpr double h = 1e-9;
+  for (std::size_t i = 1; i < 3; ++i) {
+    const Waypoint& p = trajectory.waypoints[i];
+    const DeviceSample before = read(*device, p.time_s - h), at = read(*device, p.time_s),
+                       after = read(*device, p.time_s + h);
+    EXPECT_EQ(at.position, p.position_m);
+    EXPECT_LT(angle_between(before.orientation, p.orientation), 1e-7);
+    EXPECT_GT(at.linear_velocity.norm(), 0.01);
+    EXPECT_LT((after.linear_velocity - before.linear_velocity).norm(), 1e-8);
+    EXPECT_LT((after.angular_velocity - before.angular_velocity).norm(), 1e-6);
+  }
+  EXPECT_EQ(read(*device, 0).linear_velocity.norm(), 0);
+  EXPECT_LT(read(*device, 1.5).linear_velocity.norm(), 1e-15);
+  EXPECT_LT(read(*device, 1.5).angular_velocity.norm(), 1e-14);
+}
+
+TEST(Scripted, SplineVelocitiesAreTheDerivativesOfThePoseAlsoWithTremor) {
+  ScriptedTrajectory trajectory = winding();
+  for (const bool shaking : {false, true}) {
+    if (shaking) trajectory.tremor = {.position_rms_m = 1e-4, .rotation_rms_rad = 0.02};
+    const auto device = armed(trajectory);
+    constexpr double h = 1e-5;
+    for (double t = 0.0113; t < 1.49; t += 0.0171) {
+      const DeviceSample before = read(*device, t - h), now = read(*device, t), after = read(*device, t + h);
+      const Vec3 v = (after.position - before.position) / (2 * h);
+      const Vec3 w = rotation_vector(after.orientation * conjugate(before.orientation)) / (2 * h);
+      EXPECT_LT((now.linear_velocity - v).norm(), 1e-7) << t;
+      EXPECT_LT((now.angular_velocity - w).norm(), 1e-6) << t;
+    }
+  }
+}
+
+TEST(Scripted, SplineThroughAParabolaIsTheParabolaBetweenInnerWaypoints) {
+  ScriptedTrajectory trajectory;
+  for (const double t : {0.0, 0.4, 0.9, 1.0, 1.7}) {
+    trajectory.waypoints.push_back(
+        {t, {t * t, 0, 0}, quaternion_from_rotation_vector({0, t * t, 0}), Path::spline});
+  }
+  const auto device = armed(trajectory);
+  for (double t = 0.4; t <= 1.0; t += 0.05) {
+    const DeviceSample sample = read(*device, t);
+    EXPECT_NEAR(sample.position.x(), t * t, 1e-14);
+    EXPECT_NEAR(sample.angular_velocity.y(), 2 * t, 1e-12);
+  }
+}
+
+TEST(Scripted, ButtonsAreDownFromTheirWaypointToTheNext) {
+  ScriptedTrajectory trajectory = example();
+  trajectory.waypoints[1].buttons = 5;
+  const auto device = armed(trajectory);
+  EXPECT_EQ(read(*device, 0.49).buttons, 0u);
+  EXPECT_EQ(read(*device, 0.5).buttons, 5u);
+  EXPECT_EQ(read(*device, 0.69).buttons, 5u);
+  EXPECT_EQ(read(*device, 0.7).buttons, 0u);
+}
+
 TEST(Scripted, RefusesWhatItCannotFollow) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   auto make = [](auto change) {

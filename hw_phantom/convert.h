@@ -10,14 +10,14 @@ namespace sulcus {
 // Lengths are not scaled, so that force times way keeps its meaning.
 struct DeviceMount {
   Vec3 position = Vec3::Zero();  // m, the driver's origin in the world
-  Quaternion orientation;        // unit, driver's frame -> world
+  Quaternion orientation = {};   // unit, driver's frame -> world
   double tip_offset_m =
       0;  // m, from gimbal centre along the stylus' -z to the point that counts (Omni: 0.039)
 };
 
 struct StylusPose {
   Vec3 position = Vec3::Zero();  // m
-  Quaternion orientation;        // unit, stylus -> frame
+  Quaternion orientation = {};   // unit, stylus -> frame
 };
 
 // From a column-major 4x4 transform in mm; frame stays the driver's, position is the gimbal centre.
