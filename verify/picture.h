@@ -35,9 +35,10 @@ struct PictureMesh {
   std::vector<Colour> vertex_colours;                  // [vertices], or empty; goes before triangle_colours
   Colour colour{200, 200, 200};                        // if both are empty
   Finish finish = Finish::plain;
-  double crease_cos =
-      -1;  // normals are shared by triangles whose normals have a cosine above this; -1 all, 1 none
-  bool clipped = false;            // cut away by the picture's clipping plane
+  double crease_cos = -1;  // normals are shared by triangles whose normals have a cosine above this; -1: all
+  int normal_smoothing = 0;  // times that normals are averaged with their neighbours (> 0: creases do not
+                             // count), so that the steps of voxels do not catch the light; positions stay
+  bool clipped = false;      // cut away by the picture's clipping plane
   Colour cut_colour{120, 60, 60};  // of the inside seen through the cut (the mesh should be closed)
 };
 
@@ -80,7 +81,7 @@ Colour colour_of(ColourMap map, double share);  // share 0..1, clamped; not-a-nu
 struct ColourBar {
   std::string title;  // "largest principal stress"
   std::string unit;   // "Pa"
-  double low = 0, high = 1;
+  double low = 0, high = 0;
   ColourMap map = ColourMap::ember;
 };
 
@@ -91,7 +92,7 @@ struct LegendEntry {
 
 struct PictureScene {
   int width = 960, height = 720;  // pixels
-  int supersampling = 4;          // sub-pixels along each axis, 1..8
+  int supersampling = 3;          // sub-pixels along each axis, 1..8
   Camera camera;
   std::vector<PictureMesh> meshes;
   std::vector<PictureLines> lines;

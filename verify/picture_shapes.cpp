@@ -83,6 +83,30 @@ Vec3 corner_normal(const std::vector<Vec3>& normals, const VertexTriangles& arou
   return own_length > 0 ? Vec3(own / own_length) : Vec3(0, 0, 1);
 }
 
+// Vertex normals, averaged over the triangles around as often as the mesh asks, [vertices].
+std::vector<Vec3> smoothed_normals(const PictureMesh& mesh, const std::vector<Vec3>& normals,
+                                   const VertexTriangles& around) {
+  std::vector<Vec3> smooth(mesh.positions.size(), Vec3::Zero()), mean(normals);
+  for (int pass = 0; pass <= mesh.normal_smoothing; ++pass) {
+    for (std::size_t t = 0; pass > 0 && t < mesh.triangles.size(); ++t) {
+      const auto& [a, b, c] = mesh.triangles[t];
+      mean[t] =
+          normals[t].norm() * (smooth[static_cast<std::size_t>(a)] + smooth[static_cast<std::size_t>(b)] +
+                               smooth[static_cast<std::size_t>(c)]);
+    }
+    for (std::size_t v = 0; v < smooth.size(); ++v) {
+      Vec3 sum = Vec3::Zero();
+      for (std::int32_t i = around.start[v]; i < around.start[v + 1]; ++i) {
+        const Vec3& share = mean[static_cast<std::size_t>(around.items[static_cast<std::size_t>(i)])];
+        if (share.allFinite()) sum += share;
+      }
+      const double length = sum.norm();
+      smooth[v] = length > 0 ? Vec3(sum / length) : Vec3(0, 0, 1);
+    }
+  }
+  return smooth;
+}
+
 void append(std::vector<float>& values, const Vec3& v) {
   for (int d = 0; d < 3; ++d) values.push_back(static_cast<float>(v[d]));
 }
@@ -130,6 +154,8 @@ EyeMesh to_eye(const PictureMesh& mesh, const EyeFrame& frame) {
   check_mesh(mesh);
   const std::vector<Vec3> normals = area_normals(mesh);
   const VertexTriangles around = triangles_around(mesh);
+  std::vector<Vec3> smooth;
+  if (mesh.normal_smoothing > 0) smooth = smoothed_normals(mesh, normals, around);
   EyeMesh out;
   out.finish = mesh.finish;
   out.clipped = mesh.clipped;
@@ -142,7 +168,9 @@ EyeMesh to_eye(const PictureMesh& mesh, const EyeFrame& frame) {
     for (const std::int32_t v : mesh.triangles[t]) {
       const auto vertex = static_cast<std::size_t>(v);
       append(out.positions, frame.to_eye(mesh.positions[vertex]));
-      append(out.normals, frame.rotation * corner_normal(normals, around, t, v, mesh.crease_cos));
+      append(out.normals,
+             frame.rotation *
+                 (smooth.empty() ? corner_normal(normals, around, t, v, mesh.crease_cos) : smooth[vertex]));
       const Colour& colour = !mesh.vertex_colours.empty()     ? mesh.vertex_colours[vertex]
                              : !mesh.triangle_colours.empty() ? mesh.triangle_colours[t]
                                                               : mesh.colour;

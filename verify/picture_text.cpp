@@ -153,8 +153,8 @@ std::string number(double value, double step) {
 }
 
 void draw_colour_bar(Font& font, const ColourBar& bar, double unit_px, Image& image) {
-  const double size = 13 * unit_px, top = 0.22 * image.height, bottom = 0.78 * image.height;
-  const double width = 14 * unit_px, right = image.width - 74 * unit_px, left = right - width;
+  const double size = 16 * unit_px, top = 0.22 * image.height, bottom = 0.78 * image.height;
+  const double width = 14 * unit_px, right = image.width - 84 * unit_px, left = right - width;
   for (int y = static_cast<int>(top); y < static_cast<int>(bottom); ++y) {
     const Colour colour = colour_of(bar.map, 1 - (y + 0.5 - top) / (bottom - top));
     for (int x = static_cast<int>(left); x < static_cast<int>(right); ++x) blend(image, x, y, colour, 255);
@@ -180,7 +180,7 @@ void draw_colour_bar(Font& font, const ColourBar& bar, double unit_px, Image& im
 }
 
 void draw_legend(Font& font, const std::vector<LegendEntry>& legend, double unit_px, Image& image) {
-  const double size = 13 * unit_px, line = 21 * unit_px, swatch = 12 * unit_px, left = 22 * unit_px;
+  const double size = 16 * unit_px, line = 25 * unit_px, swatch = 14 * unit_px, left = 22 * unit_px;
   double y = image.height - 22 * unit_px - line * static_cast<double>(legend.size() - 1);
   for (const LegendEntry& entry : legend) {
     const double middle = y - 0.36 * size;
@@ -198,11 +198,11 @@ void draw_texts(const PictureScene& scene, Image& image) {
   Font font;
   const double unit_px = std::max(0.6, image.height / 720.0);
   if (!scene.title.empty()) {
-    rimmed_line(image, font.bold, 20 * unit_px, 22 * unit_px, 36 * unit_px, scene.title, ink);
+    rimmed_line(image, font.bold, 24 * unit_px, 22 * unit_px, 40 * unit_px, scene.title, ink);
   }
   if (!scene.subtitle.empty()) {
-    const double y = scene.title.empty() ? 32 : 58;
-    rimmed_line(image, font.regular, 14 * unit_px, 22 * unit_px, y * unit_px, scene.subtitle, pale_ink);
+    const double y = scene.title.empty() ? 34 : 66;
+    rimmed_line(image, font.regular, 17 * unit_px, 22 * unit_px, y * unit_px, scene.subtitle, pale_ink);
   }
   if (!scene.legend.empty()) draw_legend(font, scene.legend, unit_px, image);
   if (scene.colour_bar) draw_colour_bar(font, *scene.colour_bar, unit_px, image);

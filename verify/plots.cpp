@@ -150,7 +150,8 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
       << "set xlabel " << quoted(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
       << "set ylabel " << quoted(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
       << "set xtics autofreq\nset style fill solid 0.85 noborder\n"
-      << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 font ',12' tc rgb '" << ink << "'\n"
+      << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 font ',12' tc rgb '"
+      << ink << "'\n"
       << axis_ranges(chart, x, y);
   if (chart.has_bound) {
     out << "set arrow from graph 0, first " << number(chart.bound) << " to graph 1, first "
@@ -166,7 +167,7 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
   const auto style = [&](std::size_t c) -> std::string {
     const std::string colour = std::string(" lc rgb '") + colours[c % std::size(colours)] + "'";
     if (chart.kind == ChartKind::stacked) return " with filledcurves y1=0" + colour;
-    if (chart.kind == ChartKind::points) return " with points pt 7 ps 0.35" + colour;
+    if (chart.kind == ChartKind::points) return " with points pt 7 ps 0.5" + colour;
     return " with lines lw 1.6" + colour;
   };
   // Piles are painted from the highest down, each over the one before; the key keeps the order of the curves.
@@ -254,10 +255,13 @@ std::string fit_for_page(const std::string& svg, const std::string& title) {
   for (const char c : title + body) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619u;
   char mark[16];
   std::snprintf(mark, sizeof(mark), "c%08x-", hash);
-  replace_all(body, "id=\"gp", std::string("id=\"") + mark + "gp");
-  replace_all(body, "id='gp", std::string("id='") + mark + "gp");
-  replace_all(body, "'#gp", std::string("'#") + mark + "gp");
-  replace_all(body, "\"#gp", std::string("\"#") + mark + "gp");
+  for (const char* before_name : {" id=\"", " id='", "href=\"#", "href='#", "url(#"}) {
+    replace_all(body, before_name, std::string(before_name) + mark);
+  }
+  // Groups without a name of their own would show a made-up one under the pointer.
+  for (std::size_t at = 0; (at = body.find("<title>gnuplot_plot_", at)) != std::string::npos;) {
+    body.erase(at, body.find("</title>", at) + 8 - at);
+  }
   const std::string label = escaped(title);
   std::string attribute = label;
   replace_all(attribute, "\"", "&quot;");

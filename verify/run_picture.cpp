@@ -11,7 +11,7 @@ namespace sulcus {
 namespace {
 
 constexpr Colour wall_colour{198, 72, 66};  // inner tissue: fissure walls and cuts
-constexpr Colour cut_colour{214, 128, 112};
+constexpr Colour cut_colour{240, 222, 208};
 constexpr Colour steel_colour{222, 226, 232};
 constexpr Colour force_colour{250, 178, 22};
 constexpr Colour contact_colour{255, 214, 64};
@@ -103,7 +103,7 @@ PictureMesh tissue_mesh(const RunPicture& run, ColourBar& bar) {
   mesh.positions = to_points(run.surface_positions);
   mesh.triangles = surface.triangles;
   mesh.finish = Finish::tissue;
-  mesh.crease_cos = 0.2;  // smooth over voxel steps, sharp at the lips of a fissure
+  mesh.normal_smoothing = 4;
   mesh.clipped = true;
   mesh.cut_colour = cut_colour;
   if (run.tet_values.empty()) {
@@ -141,7 +141,7 @@ PictureLines cell_edges(const RunPicture& run) {
   lines.points = to_points(run.node_positions);
   lines.colour = edge_colour;
   lines.width_px = 0.8;
-  lines.opacity = 0.35;
+  lines.opacity = 0.5;
   lines.clipped = true;
   for (const auto& nodes : run.mesh->cell_nodes) {
     for (std::size_t corner = 0; corner < 8; ++corner) {
@@ -170,6 +170,7 @@ void add_legend(const RunPicture& run, PictureScene& scene) {
     }
     if (walls) scene.legend.push_back({wall_colour, "fissure wall"});
   }
+  if (run.clip && run.tet_values.empty()) scene.legend.push_back({cut_colour, "cut"});
   if (!scene.arrows.empty()) scene.legend.push_back({force_colour, "force on the tool"});
   if (!scene.spheres.empty()) scene.legend.push_back({contact_colour, "contact"});
 }

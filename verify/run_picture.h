@@ -38,7 +38,7 @@ struct RunPicture {
   std::optional<ClipPlane> clip;  // of the tissue and of the mesh's edges
   double arrow_m_per_N = 0.02;    // m of arrow for each N
   int width = 960, height = 720;
-  int supersampling = 4;
+  int supersampling = 3;
   std::string title, subtitle;
 };
 

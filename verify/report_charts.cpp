@@ -1,0 +1,138 @@
+// Which curves of a recording are shown, and in which units.
+#include <algorithm>
+#include <cmath>
+
+#include "verify/report_parts.h"
+
+namespace sulcus::report {
+namespace {
+
+std::vector<double> times(const RunData& run) {
+  const Series* time = run.find("time_s");
+  if (time && time->components == 1) return time->values;
+  std::vector<double> values;
+  for (std::int64_t n = 0; n < run.steps; ++n)
+    values.push_back(static_cast<double>(n + 1) * run.header.step_s);
+  return values;
+}
+
+// The series over time, its length if it is a vector, times `factor`. Without points if it was not recorded
+// whole.
+Curve curve_of(const RunData& run, const std::string& series_name, const std::string& curve_name,
+               double factor) {
+  Curve curve{curve_name, {}, {}};
+  const Series* series = run.find(series_name);
+  const std::vector<double> time = times(run);
+  if (!series || series->components < 1 ||
+      series->values.size() != time.size() * static_cast<std::size_t>(series->components)) {
+    return curve;
+  }
+  curve.x = time;
+  const auto components = static_cast<std::size_t>(series->components);
+  for (std::size_t n = 0; n < time.size(); ++n) {
+    double value = series->values[n * components];
+    if (components > 1) {
+      double sum = 0;
+      for (std::size_t c = 0; c < components; ++c) {
+        sum += series->values[n * components + c] * series->values[n * components + c];
+      }
+      value = std::sqrt(sum);
+    }
+    curve.y.push_back(value * factor);
+  }
+  return curve;
+}
+
+// Draws the check's bound if the data come near enough for both to be seen.
+void set_bound(Chart& chart, std::span<const Check> checks, const std::string& name, double factor) {
+  double highest = 0;
+  for (const Curve& curve : chart.curves) {
+    for (const double y : curve.y) highest = std::isfinite(y) ? std::max(highest, y) : highest;
+  }
+  for (const Check& check : checks) {
+    const double bound = check.bound * factor;
+    if (check.name != name || !std::isfinite(bound)) continue;
+    chart.has_bound = chart.log_y ? bound > 0 : bound < 2.5 * highest;
+    chart.bound = bound;
+  }
+}
+
+class Charts {
+ public:
+  explicit Charts(std::span<const Check> checks) : checks_(checks) {}
+
+  void add(const std::string& caption, Chart chart, const std::string& bound_of = "", double factor = 1) {
+    std::erase_if(chart.curves, [](const Curve& curve) { return curve.x.empty(); });
+    if (chart.curves.empty()) return;
+    chart.x_label = "time [s]";
+    if (!bound_of.empty()) set_bound(chart, checks_, bound_of, factor);
+    charts.push_back({caption + (chart.has_bound ? " Dashed: the bound." : ""), std::move(chart)});
+  }
+
+  std::vector<CaptionedChart> charts;
+
+ private:
+  std::span<const Check> checks_;
+};
+
+Chart chart(const std::string& title, const std::string& y_label, ChartKind kind = ChartKind::lines) {
+  Chart out;
+  out.title = title;
+  out.y_label = y_label;
+  out.kind = kind;
+  return out;
+}
+
+}  // namespace
+
+std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks) {
+  Charts out(checks);
+  Chart force = chart("Force", "force [N]"), depth = chart("Penetration", "deepest contact [mm]");
+  const std::size_t tools = run.header.tool_names.size();
+  for (std::size_t t = 0; t < tools; ++t) {
+    const std::string of = "tools/" + std::to_string(t) + "/",
+                      name = tools > 1 ? run.header.tool_names[t] + ": " : "";
+    force.curves.push_back(curve_of(run, of + "contact_force_N", name + "tissue on tool", 1));
+    force.curves.push_back(curve_of(run, of + "displayed_force_N", name + "shown to the hand", 1));
+    depth.curves.push_back(
+        curve_of(run, of + "max_penetration_m", tools > 1 ? run.header.tool_names[t] : "", 1e3));
+  }
+  out.add("Size of the force between tool and tissue, and of what the hand feels.", force, "displayed_force");
+  out.add("How deep the tool sinks below the tissue's surface.", depth, "penetration", 1e3);
+
+  Chart time = chart("Time for each step", "time [ms]", ChartKind::stacked);
+  for (const char* stage : stage_names) {
+    time.curves.push_back(curve_of(run, std::string("stage/") + stage + "_s", stage, 1e3));
+  }
+  out.add("Wall clock, split by stage; of many steps the slowest is shown.", time);
+
+  Chart iterations = chart("Solver iterations", "iterations");
+  iterations.curves = {curve_of(run, "solver/iterations", "", 1)};
+  out.add("Of conjugate gradients, for each step.", iterations);
+
+  Chart error = chart("Solver error", "relative error", ChartKind::points);
+  error.log_y = true;
+  Curve measured{"", {}, {}};
+  const std::vector<double> time_s = times(run);
+  for (const SolverErrorSample& sample : run.solver_errors) {
+    if (sample.step < 0 || static_cast<std::size_t>(sample.step) >= time_s.size()) continue;
+    measured.x.push_back(time_s[static_cast<std::size_t>(sample.step)]);
+    measured.y.push_back(sample.error);
+  }
+  error.curves = {measured};
+  out.add("Measured against a solve to full precision, at some steps.", error, "solver_error");
+
+  Chart energy = chart("Energy of the tissue", "energy [mJ]");
+  energy.curves = {curve_of(run, "tissue/elastic_energy_J", "elastic", 1e3),
+                   curve_of(run, "tissue/kinetic_energy_J", "kinetic", 1e3)};
+  out.add("Elastic energy at the start, kinetic energy at the end of each step.", energy);
+
+  if (tools == 0) {
+    Chart moved = chart("Displacement", "largest displacement [mm]");
+    moved.curves = {curve_of(run, "tissue/max_displacement_m", "", 1e3)};
+    out.add("Of the node that is farthest from its rest position.", moved);
+  }
+  return std::move(out.charts);
+}
+
+}  // namespace sulcus::report
