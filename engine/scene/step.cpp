@@ -385,7 +385,7 @@ void report_contacts(const Scene& scene, const State& state, const Workspace& wo
   }
 }
 
-void report_energies(const Scene& scene, const State& state, int threads, StepReport& report) {
+void report_elastic_energy(const Scene& scene, const State& state, int threads, StepReport& report) {
   report.elastic_energy_J =
       elastic_energy(scene.elements, scene.mesh.rest_positions, state.positions, state.rotations, {}, threads);
   for (const NodeSpring& spring : scene.settings.springs) {
@@ -393,6 +393,9 @@ void report_energies(const Scene& scene, const State& state, int threads, StepRe
                          scene.mesh.rest_positions[static_cast<std::size_t>(spring.node)];
     report.elastic_energy_J += 0.5 * spring.stiffness_N_m * stretch.squaredNorm();
   }
+}
+
+void report_kinetic_energy(const Scene& scene, const State& state, StepReport& report) {
   report.kinetic_energy_J = 0;
   for (std::size_t n = 0; n < scene.elements.node_mass.size(); ++n) {
     report.kinetic_energy_J +=
@@ -476,8 +479,9 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
   report.converged = result.converged;
 
   report_contacts(scene, state, workspace, report);
-  if (scene.settings.energies) report_energies(scene, state, workspace.threads, report);
+  if (scene.settings.energies) report_elastic_energy(scene, state, workspace.threads, report);
   report.finite = update_tissue(scene, workspace, state) && !result.broken;
+  if (scene.settings.energies) report_kinetic_energy(scene, state, report);
   for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
     report.finite = update_tool(scene, samples[t], t, workspace, state, report.tools[t]) && report.finite;
   }

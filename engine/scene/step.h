@@ -47,7 +47,7 @@ struct StepReport {
   double residual = 0;     // relative, as the solver's tolerance is
   bool converged = false;  // by tolerance; false: stopped by the cap
   bool finite = true;      // all of the new state
-  double kinetic_energy_J = 0;  // J, tissue, at the start of the step (0 unless the scene asks for energies)
+  double kinetic_energy_J = 0;  // J, tissue, at the end of the step (0 unless the scene asks for energies)
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
 };

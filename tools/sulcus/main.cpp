@@ -1,0 +1,105 @@
+// The sulcus command. Exit codes: 0 fine, 1 a check failed, 2 the input is wrong, 3 something in the environment
+// failed.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <new>
+
+#include "engine/numerics/error.h"
+#include "tools/sulcus/build_info.h"
+#include "tools/sulcus/commands.h"
+
+namespace {
+
+int command_line(int argc, char** argv) {
+  CLI::App app(
+      "Sulcus: replay and verification of a haptic brain-retraction simulation.\n"
+      "Exit codes: 0 fine, 1 a check failed, 2 the input is wrong, 3 something in the environment failed.");
+  app.set_version_flag("--version", SULCUS_VERSION);
+  app.require_subcommand(1);
+  int code = 0;
+
+  sulcus::RunOptions run;
+  auto* run_app = app.add_subcommand("run", "runs a scenario and records it");
+  run_app->footer("Example: sulcus run cylinder_retraction --out /tmp/run --set /solver/tolerance=1e-5");
+  run_app->add_option("SCENARIO", run.scenario, "JSON file, or a name that `sulcus list` shows")->required();
+  run_app->add_option("--out", run.out, "folder for run.h5, summary.json and pictures")->required();
+  run_app->add_option("--threads", run.threads, "threads of the engine (default: all)")->check(CLI::Range(1, 256));
+  run_app->add_option("--set", run.overrides, "/json/pointer=value, changes the scenario")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  run_app->add_flag("--force", run.force, "replaces an earlier run in the folder");
+  run_app->add_flag("!--no-pictures", run.pictures, "renders no pictures");
+  run_app->callback([&] { code = sulcus::run_command(run); });
+
+  sulcus::VerifyOptions verify;
+  auto* verify_app = app.add_subcommand("verify", "checks invariants and golden outputs of a run");
+  verify_app->footer("Example: sulcus verify /tmp/run --golden golden");
+  verify_app->add_option("DIR", verify.run, "folder of the run")->required();
+  verify_app->add_option("--golden", verify.golden, "folder of golden outputs (default: invariants only)");
+  verify_app->callback([&] { code = sulcus::verify_command(verify); });
+
+  sulcus::ReplayOptions replay;
+  auto* replay_app = app.add_subcommand("replay", "runs again from the recorded device samples and compares");
+  replay_app->footer("Example: sulcus replay /tmp/run/run.h5 --threads 1");
+  replay_app->add_option("RECORDING", replay.recording, "run.h5")->required();
+  replay_app->add_option("--threads", replay.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  replay_app->callback([&] { code = sulcus::replay_command(replay); });
+
+  sulcus::ReportOptions report;
+  auto* report_app = app.add_subcommand("report", "writes a self-contained HTML page of one or more runs");
+  report_app->footer("Example: sulcus report /tmp/run --out report.html");
+  report_app->add_option("DIR", report.runs, "folders of runs")->required();
+  report_app->add_option("--out", report.out, "HTML file")->capture_default_str();
+  report_app->add_option("--golden", report.golden, "folder of golden outputs");
+  report_app->callback([&] { code = sulcus::report_command(report); });
+
+  sulcus::MeshOptions mesh;
+  auto* mesh_app = app.add_subcommand("mesh", "meshes a label map, for a look in ParaView");
+  mesh_app->footer("Example: sulcus mesh brain.nii.gz --size-mm 10 --pairs pairs.txt --out mesh.vtu");
+  mesh_app->add_option("LABELMAP", mesh.label_map, "NRRD, NIfTI or MetaImage file")->required();
+  mesh_app->add_option("--size-mm", mesh.size_mm, "edge of a cell, mm")->capture_default_str();
+  mesh_app->add_option("--pairs", mesh.pairs, "text file of separation label pairs, two labels a line");
+  mesh_app->add_option("--out", mesh.out, "VTK file (.vtu)")->required();
+  mesh_app->callback([&] { code = sulcus::mesh_command(mesh); });
+
+  sulcus::GoldenOptions golden;
+  auto* golden_app = app.add_subcommand("golden", "makes a run the golden one of its scenario");
+  golden_app->footer("Example: sulcus golden /tmp/run --out golden");
+  golden_app->add_option("DIR", golden.run, "folder of the run")->required();
+  golden_app->add_option("--out", golden.golden, "folder of golden outputs")->required();
+  golden_app->callback([&] { code = sulcus::golden_command(golden); });
+
+  std::string scenarios = SULCUS_SCENARIO_DIR;
+  auto* list_app = app.add_subcommand("list", "shows the scenarios");
+  list_app->footer("Example: sulcus list");
+  list_app->add_option("--dir", scenarios, "folder of scenarios")->capture_default_str();
+  list_app->callback([&] { code = sulcus::list_command(scenarios); });
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  return code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return command_line(argc, argv);
+  } catch (const sulcus::InputError& error) {
+    std::fprintf(stderr, "error: %s\n", error.what());
+    return 2;
+  } catch (const sulcus::EnvironmentError& error) {
+    std::fprintf(stderr, "error: %s\n", error.what());
+    return 3;
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "error: out of memory; use a larger mesh size or a machine with more memory\n");
+    return 3;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "error: %s\n", error.what());
+    return 3;
+  }
+}

@@ -1,0 +1,220 @@
+#include <cmath>
+#include <cstdio>
+
+#include "engine/mesh/topology.h"
+#include "engine/numerics/error.h"
+#include "tools/sulcus/commands.h"
+#include "tools/sulcus/support.h"
+#include "verify/fingerprint.h"
+#include "verify/summary.h"
+
+namespace sulcus {
+namespace fs = std::filesystem;
+namespace {
+
+// A folder for the run: new, or emptied of an earlier run.
+void prepare_folder(const fs::path& out, bool force) {
+  std::error_code error;
+  if (fs::exists(out)) {
+    const bool is_run = fs::exists(out / "run.h5") || fs::exists(out / "run.h5.part");
+    if (!fs::is_directory(out)) throw InputError(out.string() + " is not a folder; give another --out");
+    if (!force && !fs::is_empty(out)) {
+      throw InputError(out.string() + " exists already; give another --out, or --force to replace the run in it");
+    }
+    if (force && !fs::is_empty(out) && !is_run) {
+      throw InputError(out.string() + " holds no run of Sulcus, so --force does not empty it; give another --out");
+    }
+    for (const char* name : {"run.h5", "run.h5.part", "summary.json", "junit.xml", "report.html", "pictures"}) {
+      fs::remove_all(out / name, error);
+    }
+  }
+  fs::create_directories(out / "pictures", error);
+  if (error) {
+    throw EnvironmentError(out.string() + ": cannot be made (" + error.message() +
+                           "); give an --out that can be written to");
+  }
+}
+
+std::vector<DeviceSample> read_devices(std::vector<std::unique_ptr<Device>>& devices, double time_s) {
+  std::vector<DeviceSample> samples(devices.size());
+  for (std::size_t d = 0; d < devices.size(); ++d) {
+    const DeviceError error = devices[d]->read(time_s, samples[d]);
+    if (error == DeviceError::ended) {
+      throw InputError("device " + std::to_string(d) + ": its trajectory has no sample for " + std::to_string(time_s) +
+                       " s; let its last way-point be at or after /time/duration_s");
+    }
+    if (error != DeviceError::none) {
+      throw EnvironmentError("device " + std::to_string(d) + ": failed at " + std::to_string(time_s) + " s");
+    }
+  }
+  return samples;
+}
+
+void print_warnings(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+}
+
+// Frames of the state at the moments of the pictures.
+class ShotCollector {
+ public:
+  ShotCollector(const Scenario& scenario) : scenario_(scenario) {}
+
+  void look(const State& state) {
+    const double time_s = static_cast<double>(state.step) * scenario_.scene.step_s;
+    for (const Shot& shot : scenario_.pictures.shots) {
+      if (std::fabs(shot.time_s - time_s) <= 0.5 * scenario_.scene.step_s && !taken(shot.name)) {
+        frames_.push_back({shot, state});
+      }
+    }
+  }
+  const std::vector<ShotFrame>& frames() const { return frames_; }
+
+ private:
+  bool taken(const std::string& name) const {
+    for (const ShotFrame& frame : frames_) {
+      if (frame.shot.name == name) return true;
+    }
+    return false;
+  }
+  const Scenario& scenario_;
+  std::vector<ShotFrame> frames_;
+};
+
+void record_topology(const Scene& scene, RunWriter& writer) {
+  writer.set_number("cells", static_cast<double>(scene.mesh.cell_nodes.size()));
+  writer.set_number("nodes", static_cast<double>(scene.node_count()));
+  writer.set_number("tets", static_cast<double>(scene.tet_count()));
+  writer.set_number("mesh_pieces",
+                    static_cast<double>(mesh_pieces(scene.mesh.tets, scene.node_count()).item_count.size()));
+  writer.set_number("voxel_pieces", static_cast<double>(
+                                        voxel_pieces(scene.settings.map, scene.settings.pairs).item_count.size()));
+}
+
+}  // namespace
+
+int run_command(const RunOptions& options) {
+  const fs::path path = find_scenario(options.scenario);
+  const Scenario scenario = load_scenario(path, options.overrides);
+  std::vector<std::string> warnings = scenario.warnings;
+  std::vector<std::unique_ptr<Device>> devices = make_devices(scenario);
+  for (auto& device : devices) {
+    device->open();
+    device->calibrate();
+    device->arm();
+  }
+  const Scene scene = make_scene(scenario, &warnings);
+  print_warnings(warnings);
+  prepare_folder(options.out, options.force);
+
+  const int threads = threads_or_all(options.threads);
+  const double h = scenario.scene.step_s;
+  State state = initial_state(scene, read_devices(devices, 0));
+  RunHeader header = make_run_header(scene);
+  header.scenario_name = scenario.name;
+  header.scenario_json = scenario.resolved_json;
+  header.overrides = options.overrides;
+  header.build = build_provenance();
+  header.threads = threads;
+  for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
+  RunWriter writer(options.out / "run.h5", header, state);
+  for (const std::string& warning : warnings) writer.add_warning(warning);
+  record_topology(scene, writer);
+
+  WorkspacePtr workspace = make_workspace(scene, threads);
+  StepReport report = make_report(scene);
+  ShotCollector shots(scenario);
+  StageClock clock;
+  shots.look(state);
+  writer.write_frame(state, 0);
+  const std::int64_t steps = scenario.steps();
+  {
+    Progress progress(scenario.name + ": steps", steps);
+    for (std::int64_t n = 0; n < steps; ++n) {
+      const std::vector<DeviceSample> samples = read_devices(devices, static_cast<double>(n + 1) * h);
+      const int every = scenario.measure_error_every_steps;
+      if (every > 0 && n % every == every - 1) {
+        writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
+      }
+      clock.start();
+      step(scene, samples, state, report, *workspace, &clock);
+      writer.write_step(samples, report, state, clock.seconds(), clock.total());
+      for (std::size_t t = 0; t < devices.size(); ++t) {
+        devices[t]->write({report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
+      }
+      if (!report.finite) {
+        writer.add_event(n, "the state is no longer finite, or the matrix was not positive definite; stopped");
+        std::fprintf(stderr, "%s: step %lld: the state is no longer finite; the run stops here\n",
+                     scenario.name.c_str(), static_cast<long long>(n));
+        break;
+      }
+      shots.look(state);
+      if (state.step % scenario.frame_every_steps == 0) writer.write_frame(state, report.time_s);
+      progress.at(n + 1);
+    }
+  }
+  for (auto& device : devices) device->close();
+  writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  writer.finish(state);
+
+  if (options.pictures) render_shots(scenario, scene, shots.frames(), options.out / "pictures");
+  const RunData run = read_run(options.out / "run.h5");
+  write_summary(options.out / "summary.json", run, check_run(run, options.out, {}));
+  std::printf("%s: %lld steps, fingerprint %s, in %s\n", scenario.name.c_str(), static_cast<long long>(run.steps),
+              hex16(run.fingerprint()).c_str(), options.out.string().c_str());
+  return 0;
+}
+
+int replay_command(const ReplayOptions& options) {
+  const RunData run = read_run(options.recording);
+  const Scenario scenario = load_scenario_text(run.header.scenario_json, options.recording.string(), ".");
+  const Scene scene = make_scene(scenario);
+  const int threads = threads_or_all(options.threads);
+  const auto tools = static_cast<std::size_t>(run.header.tool_count());
+  const std::size_t fields = run.field_names.size();
+
+  if (scene.settings.tools.size() != tools || scene.node_count() != run.header.node_count()) {
+    throw InputError(options.recording.string() +
+                     ": the scenario in it gives another mesh or other tools than the recording has; was its label map "
+                     "changed?");
+  }
+  // the tools start where the recorded run's did: the first frame is the state before the first step
+  if (run.frames.empty() || run.frames.front().step != 0) {
+    throw InputError(options.recording.string() + ": it holds no frame of the start, so it cannot be run again");
+  }
+  std::vector<DeviceSample> start(tools);
+  for (std::size_t t = 0; t < tools; ++t) {
+    const double* pose = &run.frames.front().tool_poses[7 * t];
+    start[t].position = {pose[0], pose[1], pose[2]};
+    start[t].orientation = {pose[3], pose[4], pose[5], pose[6]};
+  }
+  State state = initial_state(scene, start);
+  WorkspacePtr workspace = make_workspace(scene, threads);
+  StepReport report = make_report(scene);
+  std::vector<std::uint64_t> hashes(fields);
+  const auto compare = [&](std::int64_t n) {
+    hash_state(state, hashes);
+    std::string differing;
+    for (std::size_t f = 0; f < fields; ++f) {
+      if (hashes[f] != run.field_hashes[static_cast<std::size_t>(n) * fields + f]) {
+        differing += (differing.empty() ? "" : ", ") + run.field_names[f];
+      }
+    }
+    if (differing.empty()) return true;
+    std::printf("DIFFERS after %lld of %lld steps, first in: %s\n", static_cast<long long>(n),
+                static_cast<long long>(run.steps), differing.c_str());
+    return false;
+  };
+  if (!compare(0)) return 1;
+  Progress progress(run.header.scenario_name + ": replay", run.steps);
+  for (std::int64_t n = 0; n < run.steps; ++n) {
+    const std::span<const DeviceSample> samples(run.samples.data() + static_cast<std::size_t>(n) * tools, tools);
+    step(scene, samples, state, report, *workspace);
+    if (!compare(n + 1)) return 1;
+    progress.at(n + 1);
+  }
+  std::printf("SAME  %s: %lld steps, fingerprint %s\n", run.header.scenario_name.c_str(),
+              static_cast<long long>(run.steps), hex16(run.fingerprint()).c_str());
+  return 0;
+}
+
+}  // namespace sulcus

@@ -1,0 +1,47 @@
+#include "tools/sulcus/support.h"
+#include "verify/png.h"
+#include "verify/run_picture.h"
+
+namespace sulcus {
+
+void render_shots(const Scenario& scenario, const Scene& scene, const std::vector<ShotFrame>& frames,
+                  const std::filesystem::path& directory) {
+  if (frames.empty()) return;
+  constexpr int smoothing_passes = 15;
+  const EmbeddedSurface surface =
+      build_embedded_surface(scene.settings.map, scene.settings.pairs, scene.mesh, smoothing_passes);
+  Progress progress(scenario.name + ": pictures", static_cast<std::int64_t>(frames.size()));
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    const auto& [shot, state] = frames[f];
+    const std::vector<double> positions = deform_surface(surface, scene.mesh, state.positions);
+    std::vector<double> stress;
+    RunPicture picture;
+    picture.surface = &surface;
+    picture.surface_positions = positions;
+    for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
+      const RigidBodyState tool = tool_state(state, t);
+      picture.tools.push_back({&scene.settings.tools[t].surface, tool.position, tool.orientation, Vec3::Zero(),
+                               Vec3::Zero()});
+    }
+    picture.label_colours.insert(scenario.label_colours.begin(), scenario.label_colours.end());
+    if (shot.show == ShotContent::max_principal_stress) {
+      stress = max_principal_stress(scene, state);
+      picture.mesh = &scene.mesh;
+      picture.tet_values = stress;
+      picture.bar = {"largest principal stress", "Pa", 0, 0, ColourMap::ember};
+    }
+    picture.camera = Camera{shot.camera.eye_m, shot.camera.target_m, shot.camera.up, shot.camera.field_of_view_deg};
+    picture.width = scenario.pictures.width;
+    picture.height = scenario.pictures.height;
+    char time[32];
+    std::snprintf(time, sizeof time, "%.2f s", static_cast<double>(state.step) * scenario.scene.step_s);
+    picture.title = scenario.title;
+    picture.subtitle = shot.name + ", " + time;
+    char number[24];
+    std::snprintf(number, sizeof number, "%02zu_", f);
+    write_png(render_run_picture(picture), directory / (number + shot.name + ".png"));
+    progress.at(static_cast<std::int64_t>(f) + 1);
+  }
+}
+
+}  // namespace sulcus

@@ -1,0 +1,150 @@
+#include "tools/sulcus/support.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <thread>
+
+#include "engine/numerics/error.h"
+#include "engine/numerics/isa.h"
+#include "tools/sulcus/build_info.h"
+#include "verify/golden.h"
+#include "verify/picture_diff.h"
+#include "verify/png.h"
+
+namespace sulcus {
+namespace fs = std::filesystem;
+
+int threads_or_all(int threads) {
+  if (threads > 0) return threads;
+  return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+std::map<std::string, std::string> build_provenance() {
+  return {{"version", SULCUS_VERSION},   {"git", SULCUS_GIT},
+          {"compiler", SULCUS_COMPILER}, {"build type", SULCUS_BUILD_TYPE},
+          {"flags", SULCUS_FLAGS},       {"instruction set", isa_name(widest_isa())}};
+}
+
+fs::path find_scenario(const std::string& name_or_path) {
+  if (fs::exists(name_or_path)) return name_or_path;
+  for (const fs::path& directory : {fs::path("scenarios"), fs::path(SULCUS_SCENARIO_DIR)}) {
+    const fs::path path = directory / (name_or_path + ".json");
+    if (fs::exists(path)) return path;
+  }
+  throw InputError(name_or_path + ": no such scenario; give a JSON file, or a name that `sulcus list` shows");
+}
+
+fs::path golden_folder(const fs::path& golden, const std::string& scenario) {
+  return fs::exists(golden / "golden.json") ? golden : golden / scenario;
+}
+
+std::vector<fs::path> picture_files(const fs::path& run_dir) {
+  std::vector<fs::path> files;
+  if (!fs::is_directory(run_dir / "pictures")) return files;
+  for (const auto& entry : fs::directory_iterator(run_dir / "pictures")) {
+    if (entry.path().extension() == ".png") files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+namespace {
+
+StatementBounds bounds_of(const Scenario& scenario) {
+  StatementBounds bounds;
+  bounds.max_penetration_m = scenario.checks.max_penetration_m;
+  bounds.max_displayed_force_N = scenario.checks.max_force_N;
+  bounds.max_solver_error = scenario.checks.max_solver_error;
+  bounds.max_final_displacement_m = scenario.checks.returns_to_rest_m;
+  bounds.contact_expected = !scenario.scene.tools.empty();
+  return bounds;
+}
+
+double peak(const Series* series) {
+  if (series == nullptr) return 0;
+  const auto n = static_cast<std::size_t>(series->components);
+  double largest = 0;
+  for (std::size_t i = 0; i + n <= series->values.size(); i += n) {
+    double square = 0;
+    for (std::size_t k = 0; k < n; ++k) square += series->values[i + k] * series->values[i + k];
+    largest = std::max(largest, std::sqrt(square));
+  }
+  return largest;
+}
+
+// That the run shows what it is about: the tool presses, the tissue moves.
+void check_peaks(const RunData& run, const Scenario& scenario, std::vector<Check>& checks) {
+  if (scenario.checks.min_peak_force_N) {
+    double force = 0;
+    for (std::int64_t t = 0; t < run.header.tool_count(); ++t) {
+      force = std::max(force, peak(run.find("tools/" + std::to_string(t) + "/displayed_force_N")));
+    }
+    checks.push_back(check_at_least("peak_force", "statement", force, *scenario.checks.min_peak_force_N, "N",
+                                    run.steps, "largest displayed force of the run"));
+  }
+  if (scenario.checks.min_peak_displacement_m) {
+    checks.push_back(check_at_least("peak_displacement", "statement", peak(run.find("tissue/max_displacement_m")),
+                                    *scenario.checks.min_peak_displacement_m, "m", run.steps,
+                                    "largest displacement of a node"));
+  }
+}
+
+void check_pictures(const fs::path& run_dir, const fs::path& golden, const GoldenSettings& settings,
+                    std::vector<Check>& checks) {
+  if (!fs::is_directory(golden)) return;  // compare_golden has said so
+  constexpr double just_noticeable = 2.3;  // CIELAB distance
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(golden)) {
+    if (entry.path().extension() == ".png") files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  for (const fs::path& file : files) {
+    const std::string name = "golden/" + file.filename().string();
+    const fs::path now = run_dir / "pictures" / file.filename();
+    if (!fs::exists(now)) {
+      checks.push_back(failed_check(name, "values", "the run has no picture of this name"));
+      continue;
+    }
+    const Image expected = read_png(file), found = read_png(now);
+    if (expected.width != found.width || expected.height != found.height) {
+      checks.push_back(failed_check(name, "values", "the pictures differ in size"));
+      continue;
+    }
+    const PictureDifference difference = compare_pictures(expected, found, 2 * just_noticeable);
+    checks.push_back(check_at_most(name, "values", difference.differing_fraction, 1 - settings.picture_conformity, "",
+                                   static_cast<std::int64_t>(expected.width) * expected.height,
+                                   "share of pixels that an eye tells apart"));
+  }
+}
+
+}  // namespace
+
+std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const fs::path& golden) {
+  const Scenario scenario = load_scenario_text(run.header.scenario_json, run_dir / "run.h5", ".");
+  std::vector<Check> checks = check_statements(run, bounds_of(scenario));
+  check_peaks(run, scenario, checks);
+  if (!golden.empty()) {
+    const fs::path folder = golden_folder(golden, run.header.scenario_name);
+    for (Check& check : compare_golden(run, folder)) checks.push_back(std::move(check));
+    check_pictures(run_dir, folder, scenario.golden, checks);
+  }
+  return checks;
+}
+
+Progress::Progress(std::string what, std::int64_t total)
+    : what_(std::move(what)), total_(total), start_(std::chrono::steady_clock::now()), shown_(start_) {}
+
+Progress::~Progress() {
+  if (visible_) std::fputs("\n", stderr);
+}
+
+void Progress::at(std::int64_t done) {
+  const auto now = std::chrono::steady_clock::now();
+  if (now - start_ < std::chrono::seconds(2) || now - shown_ < std::chrono::seconds(1)) return;
+  shown_ = now;
+  visible_ = true;
+  std::fprintf(stderr, "\r%s: %lld of %lld (%.0f s)", what_.c_str(), static_cast<long long>(done),
+               static_cast<long long>(total_), std::chrono::duration<double>(now - start_).count());
+}
+
+}  // namespace sulcus

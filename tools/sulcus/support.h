@@ -1,0 +1,76 @@
+// What the subcommands share.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "engine/scene/step.h"
+#include "scenarios/loader/scenario.h"
+#include "verify/check.h"
+#include "verify/recording.h"
+#include "verify/statements.h"
+
+namespace sulcus {
+
+int threads_or_all(int threads);  // threads, or all that the machine has for 0
+std::map<std::string, std::string> build_provenance();
+std::filesystem::path find_scenario(const std::string& name_or_path);
+
+// Statements, and golden comparison (values, bits, pictures) if `golden` is not empty: a folder with golden.json, or
+// with <scenario>/golden.json.
+std::vector<Check> check_run(const RunData& run, const std::filesystem::path& run_dir,
+                             const std::filesystem::path& golden);
+std::filesystem::path golden_folder(const std::filesystem::path& golden, const std::string& scenario);
+
+// Pictures of a run's folder: name of the shot -> file.
+std::vector<std::filesystem::path> picture_files(const std::filesystem::path& run_dir);
+
+struct ShotFrame {
+  Shot shot;
+  State state;
+};
+void render_shots(const Scenario& scenario, const Scene& scene, const std::vector<ShotFrame>& frames,
+                  const std::filesystem::path& directory);
+
+// Shows on standard error how far a long job is, from two seconds on, once a second.
+class Progress {
+ public:
+  Progress(std::string what, std::int64_t total);
+  ~Progress();
+  void at(std::int64_t done);
+
+ private:
+  std::string what_;
+  std::int64_t total_;
+  std::chrono::steady_clock::time_point start_, shown_;
+  bool visible_ = false;
+};
+
+// Wall clock of the stages of a step.
+class StageClock : public StageObserver {
+ public:
+  void start() {
+    seconds_.fill(0.0);
+    last_ = std::chrono::steady_clock::now();
+  }
+  void stage_done(Stage stage) override {
+    const auto now = std::chrono::steady_clock::now();
+    seconds_[static_cast<std::size_t>(stage)] += std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+  }
+  const std::array<double, stage_count>& seconds() const { return seconds_; }
+  double total() const {
+    double sum = 0;
+    for (double s : seconds_) sum += s;
+    return sum;
+  }
+
+ private:
+  std::array<double, stage_count> seconds_{};
+  std::chrono::steady_clock::time_point last_;
+};
+
+}  // namespace sulcus

@@ -1,0 +1,74 @@
+#include <cstdio>
+
+#include "tools/sulcus/commands.h"
+#include "tools/sulcus/support.h"
+#include "verify/fingerprint.h"
+#include "verify/golden.h"
+#include "verify/junit.h"
+#include "verify/png.h"
+#include "verify/report.h"
+#include "verify/summary.h"
+
+namespace sulcus {
+namespace fs = std::filesystem;
+
+int verify_command(const VerifyOptions& options) {
+  const RunData run = read_run(options.run / "run.h5");
+  const std::vector<Check> checks = check_run(run, options.run, options.golden);
+  for (const Check& check : checks) std::printf("%s\n", check_line(check).c_str());
+  write_junit(options.run / "junit.xml", run.header.scenario_name, checks);
+  write_summary(options.run / "summary.json", run, checks);
+  return all_passed(checks) ? 0 : 1;
+}
+
+int report_command(const ReportOptions& options) {
+  std::vector<RunData> runs;
+  runs.reserve(options.runs.size());
+  std::vector<RunReportInput> inputs;
+  for (const fs::path& dir : options.runs) {
+    runs.push_back(read_run(dir / "run.h5"));
+    const RunData& run = runs.back();
+    const Scenario scenario = load_scenario_text(run.header.scenario_json, (dir / "run.h5").string(), ".");
+    RunReportInput input;
+    input.name = scenario.title.empty() ? scenario.name : scenario.title;
+    input.description = scenario.description;
+    input.run = &run;
+    input.checks = check_run(run, dir, options.golden);
+    for (const fs::path& file : picture_files(dir)) {
+      std::string caption = file.stem().string().substr(3);
+      for (char& c : caption) c = c == '_' ? ' ' : c;
+      input.pictures.push_back({caption, read_png(file)});
+    }
+    input.reproduce = "sulcus run " + scenario.name + " --out DIR";
+    for (const std::string& override : run.header.overrides) input.reproduce += " --set '" + override + "'";
+    inputs.push_back(std::move(input));
+  }
+  write_report(inputs, options.out);
+  std::printf("%s\n", fs::absolute(options.out).lexically_normal().c_str());
+  return 0;
+}
+
+int golden_command(const GoldenOptions& options) {
+  const RunData run = read_run(options.run / "run.h5");
+  const std::vector<Check> statements = check_run(run, options.run, {});
+  if (!all_passed(statements)) {
+    for (const Check& check : statements) {
+      if (!check.passed) std::printf("%s\n", check_line(check).c_str());
+    }
+    std::printf("no golden written: a run that breaks a statement is no golden\n");
+    return 1;
+  }
+  const fs::path folder = options.golden / run.header.scenario_name;
+  write_golden(run, folder);
+  const std::vector<fs::path> pictures = picture_files(options.run);
+  for (const fs::path& picture : pictures) {
+    const std::string name = picture.stem().string().substr(3);
+    if (name == "before" || name == "open") {
+      fs::copy_file(picture, folder / picture.filename(), fs::copy_options::overwrite_existing);
+    }
+  }
+  std::printf("%s\n", folder.c_str());
+  return 0;
+}
+
+}  // namespace sulcus
