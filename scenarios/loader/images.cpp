@@ -1,6 +1,5 @@
 #include "scenarios/loader/images.h"
 
-#include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
@@ -8,13 +7,13 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <fstream>
 #include <limits>
-#include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "engine/numerics/error.h"
+#include "scenarios/loader/image_files.h"
 
 namespace sulcus {
 
@@ -22,113 +21,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double deflate_limit = 1032;  // bytes that one byte of deflate can become, at most
-constexpr std::uintmax_t max_text_header_bytes = 1 << 16;
-
-enum class Format { nrrd, nifti, meta };
-
-bool ends_with(const std::string& text, const std::string& ending) {
-  return text.size() >= ending.size() &&
-         text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
-}
-
-std::string lower(std::string text) {
-  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return text;
-}
-
-Format format_of(const fs::path& path) {
-  const std::string name = lower(path.filename().string());
-  if (ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return Format::nrrd;
-  if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return Format::meta;
-  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".img", ".hdr.gz", ".img.gz"}) {
-    if (ends_with(name, ending)) return Format::nifti;
-  }
-  throw InputError(path.string() +
-                   ": unknown image format; give a label map that ends in .nrrd, .nhdr, .nii, .nii.gz, .hdr, "
-                   ".mha or .mhd");
-}
-
-itk::ImageIOBase::Pointer make_image_io(Format format) {
+itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
   itk::Object::SetGlobalWarningDisplay(false);  // ITK's remarks would go to the standard error
-  if (format == Format::nrrd) return itk::NrrdImageIO::New().GetPointer();
-  if (format == Format::meta) return itk::MetaImageIO::New().GetPointer();
+  if (format == ImageFormat::nrrd) return itk::NrrdImageIO::New().GetPointer();
+  if (format == ImageFormat::meta) return itk::MetaImageIO::New().GetPointer();
   return itk::NiftiImageIO::New().GetPointer();
-}
-
-void require_file(const fs::path& path, const std::string& what) {
-  std::error_code error;
-  if (!fs::exists(path, error)) {
-    std::string message = path.string() + ": " + what + " does not exist";
-    if (path.string().find("/mricron/") != std::string::npos) {
-      message += "; it belongs to the Debian package mricron-data (apt install mricron-data)";
-    }
-    throw InputError(message);
-  }
-  if (!fs::is_regular_file(path, error))
-    throw InputError(path.string() + ": " + what + " is not a regular file");
-  if (fs::file_size(path, error) == 0) throw InputError(path.string() + ": " + what + " is empty (0 bytes)");
-  if (!std::ifstream(path))
-    throw InputError(path.string() + ": " + what + " cannot be read; check its permissions");
-}
-
-// What the text header of an NRRD or MetaImage says about the place of its data.
-struct DataPlace {
-  fs::path file;              // of the data
-  std::uintmax_t offset = 0;  // of the data in that file, if known
-  bool raw = false;           // stored as it is, neither compressed nor text
-};
-
-DataPlace data_place(const fs::path& path, Format format) {
-  std::ifstream stream(path, std::ios::binary);
-  std::map<std::string, std::string> fields;
-  std::string line;
-  std::uintmax_t read = 0;
-  while (read < max_text_header_bytes && std::getline(stream, line)) {
-    read += line.size() + 1;
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (format == Format::nrrd && line.empty()) break;
-    const std::size_t mark = line.find(format == Format::nrrd ? ':' : '=');
-    if (mark == std::string::npos) continue;
-    const auto trimmed = [](const std::string& text) {
-      const std::size_t first = text.find_first_not_of(" \t=");
-      return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t") - first + 1);
-    };
-    fields[lower(trimmed(line.substr(0, mark)))] = trimmed(line.substr(mark + 1));
-    if (format == Format::meta && lower(line).rfind("elementdatafile", 0) == 0) break;
-  }
-  DataPlace place;
-  std::string name = fields[format == Format::meta ? "elementdatafile" : "data file"];
-  if (format == Format::nrrd) {
-    if (name.empty()) name = fields["datafile"];
-    place.raw = lower(fields["encoding"]) == "raw";
-  } else {
-    place.raw = lower(fields["compresseddata"]) != "true" && lower(fields["binarydata"]) != "false";
-  }
-  if (name.empty() || lower(name) == "local") {
-    place.file = path;
-    place.offset = read;
-  } else {
-    if (lower(name).rfind("list", 0) == 0 || name.find('%') != std::string::npos) {
-      throw InputError(path.string() + ": the data is spread over several files (" + name +
-                       "); store it in one file");
-    }
-    place.file = path.parent_path() / name;
-    require_file(place.file, "the data file that " + path.filename().string() + " names");
-  }
-  return place;
-}
-
-fs::path nifti_partner(const fs::path& path) {
-  std::string name = path.string();
-  for (const auto& [from, to] : {std::pair{".hdr", ".img"}, std::pair{".img", ".hdr"}}) {
-    for (const char* zip : {"", ".gz"}) {
-      if (ends_with(name, from + std::string(zip))) {
-        return name.substr(0, name.size() - 4 - std::string(zip).size()) + to + zip;
-      }
-    }
-  }
-  return {};
 }
 
 // First line of an exception's text that says something.
@@ -140,7 +37,7 @@ std::string reason(const itk::ExceptionObject& error) {
 }
 
 // The header's promises, each refused before memory is taken.
-void check_header(const fs::path& path, Format format, const itk::ImageIOBase& io) {
+void check_header(const fs::path& path, ImageFormat format, const itk::ImageIOBase& io) {
   const std::string place = path.string() + ": ";
   const unsigned dimensions = io.GetNumberOfDimensions();
   for (unsigned axis = 3; axis < dimensions; ++axis) {
@@ -170,12 +67,11 @@ void check_header(const fs::path& path, Format format, const itk::ImageIOBase& i
 
   using Component = itk::IOComponentEnum;
   const Component type = io.GetComponentType();
-  if (format == Format::nifti) {
-    const auto& nifti = dynamic_cast<const itk::NiftiImageIO&>(io);
-    const double slope = nifti.GetRescaleSlope(), shift = nifti.GetRescaleIntercept();
-    if ((slope != 0 && slope != 1) || (slope != 0 && shift != 0)) {
-      throw InputError(place + "the header rescales the values (scl_slope " + std::to_string(slope) +
-                       ", scl_inter " + std::to_string(shift) +
+  if (format == ImageFormat::nifti) {
+    const NiftiHeader header = read_nifti_header(path);
+    if ((header.slope != 0 && header.slope != 1) || (header.slope != 0 && header.shift != 0)) {
+      throw InputError(place + "the header rescales the values (scl_slope " + std::to_string(header.slope) +
+                       ", scl_inter " + std::to_string(header.shift) +
                        "); store the labels themselves, with slope 1 and intercept 0");
     }
   }
@@ -186,39 +82,32 @@ void check_header(const fs::path& path, Format format, const itk::ImageIOBase& i
     throw InputError(place + "the type of the voxels is unknown; store the labels as integers (int16, say)");
   }
 
-  const double promised = voxels * static_cast<double>(io.GetComponentSize());
-  double available = 0, limit = deflate_limit;
-  bool exact = false;
-  if (format == Format::nifti) {
-    for (const fs::path& file : label_map_files(path)) available += static_cast<double>(fs::file_size(file));
-    exact = !ends_with(lower(path.string()), ".gz");
-  } else {
-    const DataPlace data = data_place(path, format);
-    available = static_cast<double>(fs::file_size(data.file)) - static_cast<double>(data.offset);
-    exact = data.raw;
-  }
-  if (exact) limit = 1;
-  if (promised > available * limit) {
-    throw InputError(place + "the header promises " + sizes + " voxels (" +
-                     std::to_string(static_cast<std::int64_t>(promised)) + " bytes), but " +
-                     std::to_string(static_cast<std::int64_t>(available)) + " bytes of " +
-                     (exact ? "" : "compressed ") +
-                     "data cannot hold them; the file is truncated or damaged");
-  }
+  require_data(path, find_image_data(path, format),
+               static_cast<std::uint64_t>(voxels) * io.GetComponentSize());
 }
 
-void read_geometry(const fs::path& path, const itk::ImageIOBase& io, LabelMap& map) {
+// In a NIfTI image whose sform is set, that decides (ITK's choice between sform and qform differs between its
+// versions).
+void read_geometry(const fs::path& path, ImageFormat format, const itk::ImageIOBase& io, LabelMap& map) {
+  std::optional<NiftiHeader::Affine> sform;
+  if (format == ImageFormat::nifti) sform = read_nifti_header(path).sform;
   for (unsigned axis = 0; axis < 3; ++axis) {
-    const double spacing_mm = io.GetSpacing(axis);
+    double spacing_mm = io.GetSpacing(axis), origin_mm = io.GetOrigin(axis);
+    const std::vector<double> column = io.GetDirection(axis);
+    Vec3 direction(column.at(0), column.at(1), column.at(2));
+    if (sform) {
+      spacing_mm = sform->step_mm.col(axis).norm();
+      origin_mm = sform->origin_mm[axis];
+      direction = sform->step_mm.col(axis) / spacing_mm;
+    }
     if (!(spacing_mm >= 1e-3 && spacing_mm <= 1e3)) {
       throw InputError(path.string() + ": the spacing along axis " + std::to_string(axis) + " is " +
                        std::to_string(spacing_mm) + " mm; expected 0.001 to 1000 mm");
     }
     map.size[axis] = static_cast<int>(io.GetDimensions(axis));
     map.spacing[axis] = spacing_mm / 1000;
-    map.origin[axis] = io.GetOrigin(axis) / 1000;
-    const std::vector<double> direction = io.GetDirection(axis);
-    for (unsigned row = 0; row < 3; ++row) map.direction(row, axis) = direction.at(row);
+    map.origin[axis] = origin_mm / 1000;
+    map.direction.col(axis) = direction;
   }
   const Mat3 product = map.direction.transpose() * map.direction;
   if (!map.origin.allFinite() || !((product - Mat3::Identity()).cwiseAbs().maxCoeff() <= 1e-4)) {
@@ -295,22 +184,14 @@ std::vector<char> labels_as(const LabelMap& map) {
 }  // namespace
 
 std::vector<fs::path> label_map_files(const fs::path& path) {
-  const Format format = format_of(path);
-  require_file(path, "the label map");
-  fs::path partner;
-  if (format == Format::nifti) {
-    partner = nifti_partner(path);
-    if (!partner.empty()) require_file(partner, "the other half of " + path.filename().string());
-  } else {
-    partner = data_place(path, format).file;
-  }
-  if (partner.empty() || partner == path) return {path};
-  return {path, partner};
+  const fs::path data = find_image_data(path, image_format(path)).file;
+  if (data == path) return {path};
+  return {path, data};
 }
 
 LabelMap read_label_map(const fs::path& path) {
-  const Format format = format_of(path);
-  label_map_files(path);  // refuses what is missing
+  const ImageFormat format = image_format(path);
+  find_image_data(path, format);  // refuses what is missing
   LabelMap map;
   try {
     const itk::ImageIOBase::Pointer io = make_image_io(format);
@@ -320,7 +201,7 @@ LabelMap read_label_map(const fs::path& path) {
     io->SetFileName(path.string());
     io->ReadImageInformation();
     check_header(path, format, *io);
-    read_geometry(path, *io, map);
+    read_geometry(path, format, *io, map);
     const std::size_t voxels = map.index(0, 0, map.size[2]);
     std::vector<char> bytes(voxels * io->GetComponentSize());
     map.labels.resize(voxels);
@@ -340,7 +221,7 @@ LabelMap read_label_map(const fs::path& path) {
 }
 
 void write_label_map(const fs::path& path, const LabelMap& map) {
-  const Format format = format_of(path);
+  const ImageFormat format = image_format(path);
   assert(map.labels.size() == map.index(0, 0, map.size[2]));
   const auto [low, high] = std::minmax_element(map.labels.begin(), map.labels.end());
   const bool as_uint8 = *low >= 0 && *high <= 255, as_int16 = *low >= -32768 && *high <= 32767;

@@ -1,8 +1,9 @@
 // Label maps in files: NRRD (.nrrd, .nhdr), NIfTI (.nii, .nii.gz, .hdr/.img) and MetaImage (.mha, .mhd),
 // through ITK.
 //
-// World coordinates are ITK's physical space (LPS: +x left, +y posterior, +z up for NIfTI), millimetres in
-// the file, metres in the label map: the only place where the two meet.
+// World coordinates are ITK's physical space (for NIfTI: LPS, +x left, +y posterior, +z up; the sform decides
+// where it is set, else the qform), millimetres in the file, metres in the label map: the only place where
+// the two meet.
 #pragma once
 
 #include <filesystem>
@@ -17,9 +18,9 @@ namespace sulcus {
 // image whose header rescales its values (scl_slope, scl_inter other than 0, 0 or 1, 0) is refused for the
 // same reason.
 //
-// The header is checked before memory is taken: a file that promises more voxels than max_label_map_voxels,
-// or more than its bytes can hold (raw: exactly; gzip: the 1032:1 that deflate can reach at most), is
-// refused.
+// The header is checked before memory is taken: a file that promises more than max_label_map_voxels, or more
+// than its data holds, is refused; compressed data are inflated once for that, a buffer at a time, checksum
+// included.
 //
 // Throws InputError, naming the file, what was found, what was expected and the remedy: missing file, unknown
 // format, not three dimensions, no voxel, more than one component, values outside int32, spacing that is not

@@ -370,8 +370,8 @@ void read_checks(const json& object, Scenario& scenario) {
   }
 }
 
-Camera read_camera(const json& object, const std::string& pointer, Problems& problems) {
-  Camera camera;
+ShotCamera read_camera(const json& object, const std::string& pointer, Problems& problems) {
+  ShotCamera camera;
   read_mm(object, "eye_mm", camera.eye_m);
   read_mm(object, "target_mm", camera.target_m);
   read(object, "up", camera.up);
@@ -386,7 +386,7 @@ Camera read_camera(const json& object, const std::string& pointer, Problems& pro
 void read_pictures(const json& object, Scenario& scenario, Problems& problems) {
   read(object, "width", scenario.pictures.width);
   read(object, "height", scenario.pictures.height);
-  std::optional<Camera> common;
+  std::optional<ShotCamera> common;
   if (object.contains("camera")) common = read_camera(object["camera"], "/pictures/camera", problems);
   std::set<std::string> names;
   for (const json& shot_object : object.value("shots", json::array())) {

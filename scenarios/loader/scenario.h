@@ -65,7 +65,7 @@ struct Checks {
   std::optional<std::int64_t> max_inverted_elements;  // at any recorded frame
 };
 
-struct Camera {
+struct ShotCamera {
   Vec3 eye_m = Vec3::Zero(), target_m = Vec3::Zero();  // m, world
   Vec3 up = Vec3::UnitZ();                             // any length > 0, not along the view
   double field_of_view_deg = 30;                       // degrees, vertical
@@ -77,7 +77,7 @@ struct Shot {
   std::string name;   // part of a file name: letters, digits, '_', '-'
   double time_s = 0;  // s, within the duration
   ShotContent show = ShotContent::labels;
-  Camera camera;  // its own, or the pictures' common one
+  ShotCamera camera;  // its own, or the pictures' common one
 };
 
 struct Pictures {

@@ -112,7 +112,7 @@ std::string wrong_type(const json& value, const json& schema) {
     if (type == "number" || type == "integer") {
       type = expected_number(schema);
     } else {
-      type = (type[0] == 'o' || type[0] == 'a' ? "an " : "a ") + type;
+      type.insert(0, type[0] == 'o' || type[0] == 'a' ? "an " : "a ");
     }
   }
   const std::string kind = value.is_string() ? "the string " : "";

@@ -1,0 +1,214 @@
+// Scenario -> Scene: label map, mesh, nodes of the boundary.
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "engine/numerics/error.h"
+#include "engine/volume/separation.h"
+#include "scenarios/loader/images.h"
+#include "scenarios/loader/scenario.h"
+
+namespace sulcus {
+
+namespace {
+
+constexpr double border_m = 1e-9;  // m, a region's border belongs to it in spite of rounding
+
+std::string place_of(const Scenario& scenario) {
+  return scenario.path.empty() ? "scenario " + scenario.name : scenario.path.string();
+}
+
+struct ReadSource {
+  LabelMap operator()(const std::filesystem::path& path) const { return read_label_map(path); }
+  template <class Shape>
+  LabelMap operator()(const Shape& shape) const {
+    return generate(shape);
+  }
+};
+
+struct Operate {
+  LabelMap& map;
+
+  void operator()(const RelabelOperation& relabel) const {
+    const std::set<std::int32_t> from(relabel.from.begin(), relabel.from.end());
+    for (std::int32_t& label : map.labels) {
+      if (label != 0 && from.count(label) != 0) label = relabel.to;
+    }
+  }
+
+  void operator()(const KeepLabelsOperation& keep) const {
+    const std::set<std::int32_t> kept(keep.labels.begin(), keep.labels.end());
+    for (std::int32_t& label : map.labels) {
+      if (label != 0 && kept.count(label) == 0) label = 0;
+    }
+  }
+
+  void operator()(const KeepBoxOperation& box) const {
+    for (int k = 0; k < map.size[2]; ++k) {
+      for (int j = 0; j < map.size[1]; ++j) {
+        for (int i = 0; i < map.size[0]; ++i) {
+          const Vec3 centre = map.to_world(Vec3(i, j, k));
+          const bool inside = (centre.array() >= box.min_m.array() - border_m).all() &&
+                              (centre.array() <= box.max_m.array() + border_m).all();
+          if (!inside) map.labels[map.index(i, j, k)] = 0;
+        }
+      }
+    }
+  }
+};
+
+// Numbers of the nodes in a region, ascending.
+std::vector<std::int32_t> nodes_in(const NodeRegion& region, const EmbeddingMesh& mesh,
+                                   const Scenario& scenario) {
+  std::vector<std::int32_t> nodes;
+  Vec3 low = mesh.rest_positions.front(), high = low;
+  for (std::size_t node = 0; node < mesh.rest_positions.size(); ++node) {
+    const Vec3& position = mesh.rest_positions[node];
+    low = low.cwiseMin(position);
+    high = high.cwiseMax(position);
+    const bool inside = (position.array() >= region.min_m.array() - border_m).all() &&
+                        (position.array() <= region.max_m.array() + border_m).all();
+    if (inside) nodes.push_back(static_cast<std::int32_t>(node));
+  }
+  if (nodes.empty()) {
+    std::string extent;
+    for (int axis = 0; axis < 3; ++axis) {
+      extent += std::string(axis == 0 ? "" : ", ") + "xyz"[axis] + " " +
+                std::to_string(std::lround(low[axis] * 1000)) + " .. " +
+                std::to_string(std::lround(high[axis] * 1000));
+    }
+    throw InputError(place_of(scenario) + ": " + region.place +
+                     ": no node of the mesh lies in this region; the mesh reaches " + extent + " mm");
+  }
+  return nodes;
+}
+
+void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescription& description,
+                std::vector<std::string>& warnings) {
+  std::vector<std::uint8_t> fixed(mesh.rest_positions.size(), 0);
+  for (const NodeRegion& region : scenario.fixed) {
+    for (const std::int32_t node : nodes_in(region, mesh, scenario))
+      fixed[static_cast<std::size_t>(node)] = 1;
+  }
+  for (std::size_t node = 0; node < fixed.size(); ++node) {
+    if (fixed[node]) description.fixed_nodes.push_back(static_cast<std::int32_t>(node));
+  }
+  std::vector<std::uint8_t> sprung(fixed.size(), 0);
+  for (const SpringRegion& springs : scenario.springs) {
+    std::size_t held = 0, twice = 0;
+    for (const std::int32_t node : nodes_in(springs.nodes, mesh, scenario)) {
+      const auto at = static_cast<std::size_t>(node);
+      held += fixed[at];
+      twice += sprung[at];
+      if (fixed[at] || sprung[at]) continue;
+      sprung[at] = 1;
+      description.springs.push_back({node, springs.stiffness_N_m, springs.damping_N_s_m});
+    }
+    if (held > 0)
+      warnings.push_back(springs.nodes.place + ": " + std::to_string(held) + " nodes are fixed anyway");
+    if (twice > 0) {
+      warnings.push_back(springs.nodes.place + ": " + std::to_string(twice) +
+                         " nodes have a spring of an earlier region, which stays");
+    }
+  }
+  if (description.fixed_nodes.empty() && description.springs.empty()) {
+    warnings.push_back("/boundary: nothing holds the tissue; it will float");
+  }
+}
+
+// Pairs of labels whose voxels share a face, smaller first.
+std::set<std::pair<std::int32_t, std::int32_t>> touching_labels(const LabelMap& map) {
+  std::set<std::pair<std::int32_t, std::int32_t>> touching;
+  const std::size_t row = static_cast<std::size_t>(map.size[0]);
+  const std::size_t slice = row * static_cast<std::size_t>(map.size[1]);
+  for (int k = 0; k < map.size[2]; ++k) {
+    for (int j = 0; j < map.size[1]; ++j) {
+      for (int i = 0; i < map.size[0]; ++i) {
+        const std::size_t at = map.index(i, j, k);
+        const auto meet = [&](bool there, std::size_t other) {
+          if (!there || map.labels[at] == map.labels[other]) return;
+          touching.insert(std::minmax(map.labels[at], map.labels[other]));
+        };
+        meet(i + 1 < map.size[0], at + 1);
+        meet(j + 1 < map.size[1], at + row);
+        meet(k + 1 < map.size[2], at + slice);
+      }
+    }
+  }
+  return touching;
+}
+
+void check_labels(const Scenario& scenario, const LabelMap& map, std::vector<std::string>& warnings) {
+  const std::set<std::int32_t> present(map.labels.begin(), map.labels.end());
+  const auto touching = touching_labels(map);
+  for (const auto& [a, b] : scenario.scene.pairs.pairs) {
+    const std::string pair = "/separation_pairs: [" + std::to_string(a) + ", " + std::to_string(b) + "]";
+    if (present.count(a) == 0 || present.count(b) == 0) {
+      const std::int32_t absent = present.count(a) == 0 ? a : b;
+      warnings.push_back(pair + ": the label map has no voxel of label " + std::to_string(absent));
+    } else if (touching.count({a, b}) == 0) {
+      warnings.push_back(pair + ": these labels touch nowhere");
+    }
+  }
+  for (const auto& entry : scenario.scene.materials) {
+    if (present.count(entry.first) == 0) {
+      warnings.push_back("/tissue/labels/" + std::to_string(entry.first) +
+                         ": the label map has no such voxel");
+    }
+  }
+  for (const auto& entry : scenario.label_colours) {
+    if (present.count(entry.first) == 0) {
+      warnings.push_back("/label_colours/" + std::to_string(entry.first) +
+                         ": the label map has no such voxel");
+    }
+  }
+}
+
+// A tool that starts inside the tissue is pushed out at once.
+void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vector<std::string>& warnings) {
+  for (std::size_t number = 0; number < scenario.scene.tools.size(); ++number) {
+    const Waypoint& start = scenario.scripts[number].waypoints.front();
+    const Mat3 rotation = rotation_matrix(start.orientation);
+    std::size_t inside = 0;
+    for (const Vec3& vertex : scenario.scene.tools[number].surface.vertices) {
+      const Vec3 voxel = map.to_voxel(start.position_m + rotation * vertex);
+      Index3 at{};
+      bool within = true;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double nearest = std::floor(voxel[static_cast<Eigen::Index>(axis)] + 0.5);
+        within = within && nearest >= 0 && nearest < map.size[axis];
+        if (within) at[axis] = static_cast<int>(nearest);
+      }
+      inside += within && map.labels[map.index(at[0], at[1], at[2])] != 0;
+    }
+    if (inside > 0) {
+      warnings.push_back("/tools/" + std::to_string(number) + ": " + std::to_string(inside) +
+                         " of its vertices start inside the tissue");
+    }
+  }
+}
+
+}  // namespace
+
+LabelMap load_label_map(const Scenario& scenario) {
+  LabelMap map = std::visit(ReadSource{}, scenario.map_source);
+  for (const LabelOperation& operation : scenario.map_operations) std::visit(Operate{map}, operation);
+  if (std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; })) {
+    throw InputError(place_of(scenario) + ": /label_map/operations: they leave no labelled voxel");
+  }
+  return map;
+}
+
+Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings) {
+  std::vector<std::string> unheard;
+  std::vector<std::string>& told = warnings != nullptr ? *warnings : unheard;
+  SceneDescription description = scenario.scene;
+  description.map = load_label_map(scenario);
+  check_labels(scenario, description.map, told);
+  check_tool_starts(scenario, description.map, told);
+  EmbeddingMesh mesh = build_embedding(description.map, description.pairs, description.embedding);
+  hold_nodes(scenario, mesh, description, told);
+  return build_scene(std::move(description), std::move(mesh));
+}
+
+}  // namespace sulcus

@@ -1,0 +1,64 @@
+#include "scenarios/loader/scenario.h"
+
+#include <cmath>
+#include <fstream>
+#include <sstream>
+
+#include "engine/numerics/error.h"
+#include "scenarios/loader/json_text.h"
+#include "scenarios/loader/parse.h"
+#include "scenarios/loader/schema.h"
+
+namespace sulcus {
+
+namespace {
+
+std::string read_text(const std::filesystem::path& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    throw InputError(path.string() + ": this scenario does not exist");
+  if (std::filesystem::is_directory(path, error)) {
+    throw InputError(path.string() + ": this is a directory; give a scenario file (.json)");
+  }
+  std::ifstream stream(path, std::ios::binary);
+  std::ostringstream text;
+  text << stream.rdbuf();
+  if (!stream) throw InputError(path.string() + ": the file is empty or cannot be read");
+  return text.str();
+}
+
+}  // namespace
+
+std::int64_t Scenario::steps() const {
+  return std::llround(duration_s / scene.step_s);
+}
+
+Scenario load_scenario_text(const std::string& text, const std::string& place,
+                            const std::filesystem::path& directory,
+                            const std::vector<std::string>& overrides) {
+  nlohmann::json document = parse_json(text, place);
+  for (const std::string& override_text : overrides) apply_override(document, override_text);
+  const std::vector<std::string> violations = schema_violations(document);
+  if (!violations.empty()) throw InputError(list_problems(place, violations));
+  return parse_scenario(document, place, directory);
+}
+
+Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides) {
+  Scenario scenario = load_scenario_text(read_text(path), path.string(),
+                                         std::filesystem::absolute(path).parent_path(), overrides);
+  scenario.path = path;
+  scenario.input_files.insert(scenario.input_files.begin(), path);
+  if (scenario.name != path.stem().string()) {
+    scenario.warnings.push_back("/name: \"" + scenario.name + "\" differs from the file's name " +
+                                path.filename().string());
+  }
+  return scenario;
+}
+
+std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario) {
+  std::vector<std::unique_ptr<Device>> devices;
+  for (const ScriptedTrajectory& script : scenario.scripts) devices.push_back(make_scripted_device(script));
+  return devices;
+}
+
+}  // namespace sulcus
