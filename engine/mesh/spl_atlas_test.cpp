@@ -8,6 +8,7 @@
 
 #include "engine/mesh/embedding.h"
 #include "engine/mesh/topology.h"
+#include "engine/volume/label_operations.h"
 
 namespace sulcus {
 namespace {
@@ -29,6 +30,12 @@ TEST_F(SplBrain, HasTheKnownVoxelsAndPieces) {
   EXPECT_EQ(labels.size() - labels.count(0), 229U);
   EXPECT_EQ(voxel_pieces(*map_, {}).item_count, (std::vector<std::int64_t>{1292465, 2, 1}));
   EXPECT_EQ(read_thesis_pairs("Sylvian fissure").pairs.size(), 22U);
+}
+
+TEST_F(SplBrain, HasTheKnownVoids) {
+  LabelMap filled = *map_;
+  EXPECT_EQ(fill_voids(filled), 3463);
+  EXPECT_EQ(drop_small_pieces(filled, {}, 3), 3);
 }
 
 TEST_F(SplBrain, HasTheKnownCellsWithAllPairsCut) {

@@ -27,32 +27,36 @@ bool orthonormal(const Mat3& direction) {
 
 }  // namespace
 
-void check_label_map(const LabelMap& map) {
+std::size_t check_geometry(const Index3& size, const Vec3& spacing, const Vec3& origin,
+                           const Mat3& direction) {
   std::size_t voxels = 1;
   for (int a = 0; a < 3; ++a) {
-    if (map.size[a] < 1) {
-      throw InputError("label map: the size is " + text(map.size) + "; every side needs at least one voxel");
-    }
-    voxels *= static_cast<std::size_t>(map.size[a]);
+    if (size[a] < 1)
+      throw InputError("image: the size is " + text(size) + "; every side needs at least one voxel");
+    voxels *= static_cast<std::size_t>(size[a]);
     if (voxels > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
-      throw InputError("label map: " + text(map.size) +
+      throw InputError("image: " + text(size) +
                        " voxels exceed the limit of 2147483647; crop or coarsen the image");
     }
-    if (!(map.spacing[a] >= 1e-6 && map.spacing[a] <= 1.0)) {
-      throw InputError("label map: the spacing along axis " + std::to_string(a) + " is " +
-                       std::to_string(map.spacing[a] * 1e3) + " mm; it must lie between 0.001 and 1000 mm");
+    if (!(spacing[a] >= 1e-6 && spacing[a] <= 1.0)) {
+      throw InputError("image: the spacing along axis " + std::to_string(a) + " is " +
+                       std::to_string(spacing[a] * 1e3) + " mm; it must lie between 0.001 and 1000 mm");
     }
-    if (!std::isfinite(map.origin[a])) {
-      throw InputError("label map: the origin is not finite; correct the image's header");
+    if (!std::isfinite(origin[a])) {
+      throw InputError("image: the origin is not finite; correct the image's header");
     }
   }
-  if (map.labels.size() != voxels) {
+  if (!orthonormal(direction)) {
+    throw InputError(
+        "image: the direction matrix is not orthonormal; resample the image to perpendicular axes");
+  }
+  return voxels;
+}
+
+void check_label_map(const LabelMap& map) {
+  if (map.labels.size() != check_geometry(map.size, map.spacing, map.origin, map.direction)) {
     throw InputError("label map: " + std::to_string(map.labels.size()) + " labels for " + text(map.size) +
                      " voxels; the image is truncated or its size is wrong");
-  }
-  if (!orthonormal(map.direction)) {
-    throw InputError(
-        "label map: the direction matrix is not orthonormal; resample the image to perpendicular axes");
   }
 }
 

@@ -35,4 +35,8 @@ struct LabelMap {
 // the spacing lies between 0.001 and 1000 mm, the origin is finite and the direction orthonormal (to 1e-4).
 void check_label_map(const LabelMap& map);
 
+// The same for the geometry alone; returns the number of voxels.
+std::size_t check_geometry(const Index3& size, const Vec3& spacing, const Vec3& origin,
+                           const Mat3& direction);
+
 }  // namespace sulcus
