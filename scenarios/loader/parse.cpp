@@ -222,7 +222,8 @@ ToolSurface read_shape(const json& object) {
     read_mm(retractor, "length_mm", shape.length_m);
     read_mm(retractor, "width_mm", shape.width_m);
     read_mm(retractor, "thickness_mm", shape.thickness_m);
-    shape.bend_rad = retractor.value("bend_deg", 10.0) * radians_per_degree;
+    if (retractor.contains("bend_deg"))
+      shape.bend_rad = retractor["bend_deg"].get<double>() * radians_per_degree;
     return retractor_surface(shape);
   }
   if (object.contains("sphere")) {
