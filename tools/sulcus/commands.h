@@ -24,6 +24,8 @@ struct VerifyOptions {
 };
 int verify_command(const VerifyOptions& options);
 
+int summary_command(const std::filesystem::path& run, const std::filesystem::path& golden);
+
 struct ReplayOptions {
   std::filesystem::path recording;  // run.h5
   int threads = 0;

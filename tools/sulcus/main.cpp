@@ -38,6 +38,13 @@ int command_line(int argc, char** argv) {
   verify_app->add_option("--golden", verify.golden, "folder of golden outputs (default: invariants only)");
   verify_app->callback([&] { code = sulcus::verify_command(verify); });
 
+  sulcus::VerifyOptions summary;
+  auto* summary_app = app.add_subcommand("summary", "prints the numbers and verdicts of a run as a short table");
+  summary_app->footer("Example: sulcus summary /tmp/run --golden golden");
+  summary_app->add_option("DIR", summary.run, "folder of the run")->required();
+  summary_app->add_option("--golden", summary.golden, "folder of golden outputs (default: invariants only)");
+  summary_app->callback([&] { code = sulcus::summary_command(summary.run, summary.golden); });
+
   sulcus::ReplayOptions replay;
   auto* replay_app = app.add_subcommand("replay", "runs again from the recorded device samples and compares");
   replay_app->footer("Example: sulcus replay /tmp/run/run.h5 --threads 1");
