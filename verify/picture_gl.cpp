@@ -310,13 +310,12 @@ Raster rasterise(const RasterScene& scene) {
     draw_triangles(mesh);
     if (mesh.clipped && scene.has_clip) draw_cut(program, scene, mesh);
   }
-  draw_lines(program, scene);
-  glFinish();
-
   Raster raster;
   raster.width = scene.width;
   raster.height = scene.height;
-  raster.depth = read_depth(scene);
+  raster.depth = read_depth(scene);  // before the lines: they cast no shadow
+  draw_lines(program, scene);
+  glFinish();
   const GLenum error = glGetError();
   if (error != GL_NO_ERROR) refuse("OpenGL reports error " + std::to_string(error));
   raster.rgba = std::move(context.rgba);
