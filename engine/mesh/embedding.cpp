@@ -9,6 +9,7 @@
 #include "engine/mesh/superimpose.h"
 #include "engine/mesh/tetrahedra.h"
 #include "engine/numerics/error.h"
+#include "engine/volume/large_array.h"
 #include "engine/volume/voxel_links.h"
 
 namespace sulcus {
@@ -93,7 +94,8 @@ void make_tets(const LabelMap& map, TetSplit split, EmbeddingMesh& mesh) {
                       d(0, 1) * (d(1, 0) * d(2, 2) - d(1, 2) * d(2, 0)) +
                       d(0, 2) * (d(1, 0) * d(2, 1) - d(1, 1) * d(2, 0)) <
                   0;
-  mesh.tets.resize(static_cast<std::size_t>(cells) * mesh.tets_per_cell);
+  mesh.tets =
+      large_vector<std::array<std::int32_t, 4>>(static_cast<std::size_t>(cells) * mesh.tets_per_cell, {});
 #pragma omp parallel for schedule(static)
   for (std::ptrdiff_t c = 0; c < cells; ++c) {
     auto* tet = mesh.tets.data() + c * mesh.tets_per_cell;
@@ -133,7 +135,7 @@ EmbeddingMesh build_embedding(const LabelMap& map, const SeparationPairs& pairs,
   NodeCopies nodes = make_nodes(mesh.grid_size, copies, mesh.cell_links, options.superimpose);
 
   mesh.cell_nodes = std::move(nodes.cell_nodes);
-  mesh.rest_positions.resize(nodes.position.size());
+  mesh.rest_positions = large_vector<Vec3>(nodes.position.size(), Vec3::Zero());
   const auto node_count = static_cast<std::ptrdiff_t>(nodes.position.size());
 #pragma omp parallel for schedule(static)
   for (std::ptrdiff_t n = 0; n < node_count; ++n) {

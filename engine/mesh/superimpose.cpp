@@ -330,7 +330,7 @@ NodeCopies make_nodes(const Index3& grid, const CellCopies& copies, const std::v
                       bool superimpose) {
   const std::size_t cells = copies.position.size();
   NodeCopies nodes;
-  nodes.cell_nodes.resize(cells);
+  nodes.cell_nodes = large_vector<std::array<std::int32_t, 8>>(cells, {});
   std::vector<std::int32_t> first_link(cells + 1, 0);  // links of copy a: first_link[a] .. [a + 1] - 1
   for (const Link& link : cell_links) ++first_link[link[0] + 1];
   std::partial_sum(first_link.begin(), first_link.end(), first_link.begin());
