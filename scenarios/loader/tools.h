@@ -13,11 +13,11 @@ namespace sulcus {
 // along -z; a positive bend turns the tip towards +y (concave face +y). 712 vertices and 1,420 triangles at
 // the standard subdivision, the size of the retractor of thesis 5.3.5 (712 vertices).
 struct RetractorShape {
-  double length_m = 0.080;                // m, along the blade's middle line
-  double width_m = 0.012;                 // m
-  double thickness_m = 0.0015;            // m, < width
-  double bend_rad = 0.17453292519943295;  // rad (10 degrees), angle between the blade's directions at both
-                                          // ends; |bend| < pi
+  double length_m = 0.080;      // m, along the blade's middle line
+  double width_m = 0.012;       // m
+  double thickness_m = 0.0015;  // m, < width
+  // rad (10 degrees), angle between the blade's directions at both ends; |bend| < pi
+  double bend_rad = 0.17453292519943295;
 };
 
 struct SphereShape {
