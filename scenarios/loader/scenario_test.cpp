@@ -252,7 +252,8 @@ TEST(Waypoints, KeepWhatIsLeftOut) {
     {"time_s": 0, "position_mm": [1, 2, 30], "axis": [0, 0, 2], "angle_deg": 90},
     {"time_s": 0.5, "path": "hold"},
     {"time_s": 1, "angle_deg": 180, "path": "linear"}])");
-  const auto& waypoints = load(document).scripts[0].waypoints;
+  const Scenario scenario = load(document);
+  const auto& waypoints = scenario.scripts[0].waypoints;
   EXPECT_EQ(waypoints[1].position_m, waypoints[0].position_m);
   EXPECT_EQ(waypoints[2].position_m, waypoints[0].position_m);
   EXPECT_EQ(waypoints[1].path, Path::hold);
@@ -306,7 +307,7 @@ TEST(Scenes, WarnOfWhatIsOdd) {
   document["tissue"]["labels"]["7"] = json::object();
   document["boundary"] = json::object();
   document["tools"][0]["device"]["scripted"]["waypoints"][0]["position_mm"] = {0, 0, 9};
-  document["time"]["duration_s"] = 0.996;
+  document["time"]["duration_s"] = 1.004;
   const Scenario scenario = load(document);
   EXPECT_TRUE(mentions(scenario.warnings, "no whole number of steps"));
   std::vector<std::string> warnings;
