@@ -160,8 +160,13 @@ double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::
 bool connected_straight(const LabelMap& map, const SeparationPairs& pairs, Voxel from, const Voxel& to) {
   while (from.index != to.index) {
     std::array<int, 3> axes{0, 1, 2};
-    const auto left = [&](int a) { return std::abs(to.at[static_cast<std::size_t>(a)] - from.at[static_cast<std::size_t>(a)]); };
-    std::stable_sort(axes.begin(), axes.end(), [&](int a, int b) { return left(a) > left(b); });
+    const auto left = [&](int a) {
+      return std::abs(to.at[static_cast<std::size_t>(a)] - from.at[static_cast<std::size_t>(a)]);
+    };
+    // longest way first, lower axis at ties
+    if (left(axes[1]) > left(axes[0])) std::swap(axes[0], axes[1]);
+    if (left(axes[2]) > left(axes[1])) std::swap(axes[1], axes[2]);
+    if (left(axes[1]) > left(axes[0])) std::swap(axes[0], axes[1]);
     bool moved = false;
     for (int a : axes) {
       if (left(a) == 0) break;

@@ -470,7 +470,10 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
   SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
                                           settings.velocity_floor_m_s);
   report.iterations = result.iterations;
-  if (scene.settings.contact.tension_rule && drop_pulling_contacts(scene, state, workspace, report)) {
+  constexpr int most_solves_again = 4;  // what still pulls then is smaller by orders: the report's min_push tells
+  for (int again = 0; again < most_solves_again && scene.settings.contact.tension_rule &&
+                      drop_pulling_contacts(scene, state, workspace, report);
+       ++again) {
     result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
                                 settings.velocity_floor_m_s);
     report.iterations += result.iterations;
@@ -571,7 +574,8 @@ double measure_solver_error(const Scene& scene, std::span<const DeviceSample> sa
     error += difference * difference;
     size += reference.increments[i] * reference.increments[i];
   }
-  return size > 0 ? std::sqrt(error / size) : 0;
+  const double rest = static_cast<double>(scene.node_count()) * resting_increment_m_s * resting_increment_m_s;
+  return std::sqrt(error / std::max(size, rest));
 }
 
 std::vector<double> max_principal_stress(const Scene& scene, const State& state) {

@@ -67,7 +67,9 @@ void step(const Scene& scene, std::span<const DeviceSample> samples, State& stat
 StepReport make_report(const Scene& scene);
 
 // Relative error of the velocity increment that the scene's solver settings leave in the coming step, against a solve
-// in double precision to 1e-10: |dv - dv*| / |dv*| (0 if dv* is zero). Leaves the state alone. Slow; for reports.
+// in double precision to 1e-10: |dv - dv*| / max(|dv*|, sqrt(nodes) * resting_increment_m_s): at rest, where dv* is
+// nothing but rounding, a relative error would mean nothing. Leaves the state alone. Slow; for reports.
+inline constexpr double resting_increment_m_s = 1e-6;  // m/s a step
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads);
 

@@ -1,0 +1,303 @@
+// Whole steps against theory, and the laws of the house: same bits, no allocation, only what a scene needs.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "engine/fem/test_meshes.h"
+#include "engine/numerics/error.h"
+#include "engine/scene/allocation_count.h"
+#include "engine/scene/step.h"
+
+namespace sulcus {
+namespace {
+
+// A ball of points as a tool; only its vertices matter to the contact.
+Tool ball(double radius_m) {
+  Tool tool;
+  tool.name = "ball";
+  for (int i = 0; i < 300; ++i) {  // spiral of equal areas
+    const double z = 1 - (2 * i + 1) / 300.0;
+    const double r = std::sqrt(1 - z * z);
+    tool.surface.vertices.emplace_back(radius_m * r * std::cos(2.4 * i), radius_m * r * std::sin(2.4 * i),
+                                       radius_m * z);
+  }
+  return tool;
+}
+
+SceneDescription block_description(int cells, double edge_m) {
+  SceneDescription d;
+  d.map = box_map(cells, cells, cells, edge_m);
+  d.embedding.size_m = edge_m;
+  d.damping = {0, 0.05};
+  d.step_s = 0.017;
+  d.solver.precision = Precision::double_precision;
+  d.solver.tolerance = 1e-9;
+  return d;
+}
+
+Scene build(SceneDescription d) {
+  EmbeddingMesh mesh = build_embedding(d.map, d.pairs, d.embedding);
+  return build_scene(std::move(d), std::move(mesh));
+}
+
+void hold_bottom(SceneDescription& d) {
+  const EmbeddingMesh mesh = build_embedding(d.map, d.pairs, d.embedding);
+  for (std::size_t n = 0; n < mesh.rest_positions.size(); ++n) {
+    if (mesh.rest_positions[n][2] < 1e-9) d.fixed_nodes.push_back(static_cast<std::int32_t>(n));
+  }
+}
+
+// The hand presses a ball 12 mm into the top of a block of 80 mm, slides and comes back: 2 s.
+DeviceSample press(double time_s) {
+  DeviceSample sample;
+  const double down = time_s < 0.8 ? time_s / 0.8 : time_s < 1.2 ? 1.0 : std::fmax(0.0, 1 - (time_s - 1.2) / 0.4);
+  sample.position = Vec3(0.04 + 0.01 * (time_s > 0.8) * (time_s - 0.8), 0.04, 0.105 - 0.03 * down);
+  sample.linear_velocity_valid = true;
+  return sample;
+}
+
+SceneDescription pressed_block(Precision precision) {
+  SceneDescription d = block_description(8, 0.01);
+  hold_bottom(d);
+  d.tools.push_back(ball(0.02));
+  d.contact.stiffness_N_m = 50;
+  d.solver.precision = precision;
+  d.solver.tolerance = 1e-4;
+  return d;
+}
+
+std::vector<State> run(const Scene& scene, int steps, int threads, Isa isa = widest_isa(),
+                       std::vector<StepReport>* reports = nullptr) {
+  DeviceSample sample = press(0);
+  const bool tool = !scene.settings.tools.empty();
+  State state = initial_state(scene, std::span(&sample, tool ? 1 : 0));
+  WorkspacePtr workspace = make_workspace(scene, threads, isa);
+  StepReport report = make_report(scene);
+  std::vector<State> states;
+  for (int n = 0; n < steps; ++n) {
+    sample = press((n + 1) * scene.settings.step_s);
+    step(scene, std::span(&sample, tool ? 1 : 0), state, report, *workspace);
+    states.push_back(state);
+    if (reports != nullptr) reports->push_back(report);
+  }
+  return states;
+}
+
+void expect_same(const State& a, const State& b) {
+  EXPECT_EQ(a.positions, b.positions);
+  EXPECT_EQ(a.velocities, b.velocities);
+  EXPECT_EQ(a.rotations, b.rotations);
+  EXPECT_EQ(a.tool_poses, b.tool_poses);
+  EXPECT_EQ(a.tool_momenta, b.tool_momenta);
+  EXPECT_EQ(a.filtered_forces, b.filtered_forces);
+}
+
+TEST(Step, FreeFallFollowsBackwardEuler) {
+  SceneDescription d = block_description(3, 0.02);
+  d.gravity = {0, 0, -9.81};
+  const Scene scene = build(std::move(d));
+  const State state = run(scene, 60, 1).back();
+  const double fall = -9.81 * 0.017 * 0.017 * 60 * 61 / 2;
+  EXPECT_NEAR(fall, -5.188215, 1e-6);
+  for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
+    EXPECT_NEAR(state.velocities[3 * n + 2], -10.0062, 1e-9);
+    EXPECT_NEAR(state.positions[3 * n + 2] - scene.mesh.rest_positions[n][2], fall, 1e-9);
+  }
+}
+
+TEST(Step, TissueAtRestStaysAtRest) {
+  SceneDescription d = block_description(3, 0.02);
+  d.solver.precision = Precision::single_precision;
+  const Scene scene = build(std::move(d));
+  const State state = run(scene, 20, 1).back();
+  EXPECT_EQ(state.positions, flat_positions(scene.mesh));
+}
+
+TEST(Step, EnergyOfAFreeBodyNeverGrows) {
+  const std::uint64_t seed = 31;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  SceneDescription d = block_description(4, 0.01);
+  d.damping = {0, 0};
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, {});
+  for (double& x : state.positions) x += uniform(random, -0.002, 0.002);
+  WorkspacePtr workspace = make_workspace(scene, 1);
+  StepReport report = make_report(scene);
+  step(scene, {}, state, report, *workspace);
+  double before = report.kinetic_energy_J;
+  for (int n = 0; n < 100; ++n) {
+    const double kinetic = report.kinetic_energy_J;
+    step(scene, {}, state, report, *workspace);
+    const double energy = kinetic + report.elastic_energy_J;
+    if (n > 0) {
+      EXPECT_LE(energy, before * (1 + 1e-9)) << n;
+    }
+    before = energy;
+  }
+}
+
+TEST(Step, InvertedElementsComeBack) {
+  const std::uint64_t seed = 32;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
+    SceneDescription d = block_description(2, 0.01);
+    d.material.poisson_ratio = 0.3;
+    d.damping = {0, 0.1};
+    d.solver.precision = precision;
+    d.solver.tolerance = 1e-5;
+    const Scene scene = build(std::move(d));
+    State state = initial_state(scene, {});
+    for (double& x : state.positions) x += uniform(random, -0.008, 0.008);
+    EXPECT_GT(count_inverted(scene, state), 5);
+    WorkspacePtr workspace = make_workspace(scene, 1);
+    StepReport report = make_report(scene);
+    for (int n = 0; n < 300; ++n) step(scene, {}, state, report, *workspace);
+    EXPECT_EQ(count_inverted(scene, state), 0);
+    EXPECT_TRUE(report.finite);
+  }
+}
+
+TEST(Step, TissueAndToolKeepTheirMomentum) {
+  SceneDescription d = block_description(6, 0.01);
+  d.tools.push_back(ball(0.015));
+  d.tools[0].coupling = {0, 0, 0, 0};
+  d.contact.stiffness_N_m = 20;
+  d.solver.tolerance = 1e-12;
+  d.solver.velocity_floor_m_s = 1e-14;
+  const Scene scene = build(std::move(d));
+  DeviceSample sample;
+  sample.position = {0.033, 0.028, 0.08};
+  State state = initial_state(scene, std::span(&sample, 1));
+  const double speed = -0.3;  // m/s, towards the tissue
+  state.tool_momenta[2] = 0.1 * speed;
+  WorkspacePtr workspace = make_workspace(scene, 2);
+  StepReport report = make_report(scene);
+  bool touched = false;
+  for (int n = 0; n < 40; ++n) {
+    step(scene, std::span(&sample, 1), state, report, *workspace);
+    touched = touched || report.tools[0].contacts > 0;
+    Vec3 momentum(state.tool_momenta[0], state.tool_momenta[1], state.tool_momenta[2]);
+    for (std::size_t i = 0; i < scene.elements.node_mass.size(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        momentum[static_cast<Eigen::Index>(k)] += scene.elements.node_mass[i] * state.velocities[3 * i + k];
+      }
+    }
+    ASSERT_LT((momentum - Vec3(0, 0, 0.1 * speed)).norm(), 1e-10) << n;
+  }
+  EXPECT_TRUE(touched);
+}
+
+TEST(Step, PressedBlockPushesBackAndComesToRest) {
+  std::vector<StepReport> reports;
+  const Scene scene = build(pressed_block(Precision::single_precision));
+  const State end = run(scene, 240, 2, widest_isa(), &reports).back();
+  double force = 0;
+  int contacts = 0;
+  for (const StepReport& report : reports) {
+    const ToolReport& tool = report.tools[0];
+    ASSERT_TRUE(report.finite && report.converged);
+    EXPECT_LT((tool.contact_force + tool.tissue_force).norm(), 1e-12);
+    if (tool.contacts > 0) {
+      EXPECT_GE(tool.min_push_N, -1e-6) << report.step;
+    }
+    force = std::fmax(force, tool.contact_force[2]);
+    contacts = std::max(contacts, tool.contacts);
+  }
+  EXPECT_GT(force, 0.1);
+  EXPECT_GT(contacts, 10);
+  EXPECT_EQ(count_inverted(scene, end), 0);
+  for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR(end.positions[3 * n + k], scene.mesh.rest_positions[n][static_cast<Eigen::Index>(k)], 1e-4);
+    }
+  }
+}
+
+TEST(Step, GivesTheSameBitsForEveryThreadCountAndInstructionSet) {
+  for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
+    const Scene scene = build(pressed_block(precision));
+    const State reference = run(scene, 60, 1, Isa::sse2).back();
+    for (int threads : {1, 2, 3, 4, 8}) expect_same(run(scene, 60, threads).back(), reference);
+    if (widest_isa() >= Isa::avx2) expect_same(run(scene, 60, 2, Isa::avx2).back(), reference);
+  }
+}
+
+TEST(Step, WorkspaceHoldsNothingOfTheFuture) {
+  const Scene scene = build(pressed_block(Precision::single_precision));
+  const std::vector<State> states = run(scene, 60, 1);
+  State state = states[29];
+  StepReport report = make_report(scene);
+  for (int n = 30; n < 60; ++n) {  // a fresh workspace at every step
+    const DeviceSample sample = press((n + 1) * scene.settings.step_s);
+    WorkspacePtr workspace = make_workspace(scene, 1);
+    step(scene, std::span(&sample, 1), state, report, *workspace);
+  }
+  expect_same(state, states[59]);
+}
+
+TEST(Step, AllocatesNothingAfterTheFirst) {
+  const Scene scene = build(pressed_block(Precision::single_precision));
+  DeviceSample sample = press(0);
+  State state = initial_state(scene, std::span(&sample, 1));
+  WorkspacePtr workspace = make_workspace(scene, 2);
+  StepReport report = make_report(scene);
+  step(scene, std::span(&sample, 1), state, report, *workspace);
+  const long before = allocation_count();
+  int contacts = 0;
+  for (int n = 1; n < 100; ++n) {
+    sample = press((n + 1) * scene.settings.step_s);
+    step(scene, std::span(&sample, 1), state, report, *workspace);
+    contacts = std::max(contacts, report.tools[0].contacts);
+  }
+  EXPECT_GT(contacts, 10);
+  EXPECT_EQ(allocation_count() - before, 0);
+}
+
+TEST(Step, SolverErrorFollowsTheTolerance) {
+  double errors[2];
+  int i = 0;
+  for (double tolerance : {1e-1, 1e-4}) {
+    SceneDescription d = pressed_block(Precision::single_precision);
+    d.solver.tolerance = tolerance;
+    const Scene scene = build(std::move(d));
+    const State state = run(scene, 40, 1).back();
+    const DeviceSample sample = press(41 * scene.settings.step_s);
+    errors[i++] = measure_solver_error(scene, std::span(&sample, 1), state, 1);
+  }
+  EXPECT_LT(errors[1], 0.1 * errors[0]);
+  EXPECT_LT(errors[1], 2e-3);
+  EXPECT_GT(errors[0], 0);
+}
+
+TEST(BuildScene, MakesNoDistanceFieldWithoutATool) {
+  EXPECT_EQ(build(block_description(2, 0.01)).distance, nullptr);
+  EXPECT_NE(build(pressed_block(Precision::single_precision)).distance, nullptr);
+}
+
+TEST(BuildScene, RefusesWhatCannotBeSimulated) {
+  const auto refused = [](auto change) {
+    SceneDescription d = pressed_block(Precision::single_precision);
+    change(d);
+    EXPECT_THROW(build(std::move(d)), InputError);
+  };
+  refused([](SceneDescription& d) { d.step_s = 0; });
+  refused([](SceneDescription& d) { d.step_s = NAN; });
+  refused([](SceneDescription& d) { d.material.youngs_modulus_Pa = -1; });
+  refused([](SceneDescription& d) { d.material.poisson_ratio = 0.5; });
+  refused([](SceneDescription& d) { d.material.density_kg_m3 = 0; });
+  refused([](SceneDescription& d) { d.materials[1].youngs_modulus_Pa = INFINITY; });
+  refused([](SceneDescription& d) { d.contact.stiffness_N_m = -1; });
+  refused([](SceneDescription& d) { d.contact.anisotropy = 1.5; });
+  refused([](SceneDescription& d) { d.tools[0].body.mass_kg = 0; });
+  refused([](SceneDescription& d) { d.tools[0].body.inertia_kg_m2(0, 0) = -1; });
+  refused([](SceneDescription& d) { d.tools[0].surface.vertices[0][1] = NAN; });
+  refused([](SceneDescription& d) { d.fixed_nodes.push_back(1 << 30); });
+  refused([](SceneDescription& d) { d.springs.push_back({0, -1, 0}); });
+  refused([](SceneDescription& d) { d.solver.tolerance = 0; });
+}
+
+}  // namespace
+}  // namespace sulcus
