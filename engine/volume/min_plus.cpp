@@ -44,13 +44,24 @@ template <class Lanes>
     float* at = whole + n * stride;
     Lanes best[vectors];
     std::memcpy(best, at, sizeof best);
-    for (int r = first[n]; r < count;) {
+    int r = first[n];
+    const int both = std::min(n + 1, count - n);  // rows on both sides as far as this
+    bool done = false;
+    for (; r + together <= both && !done; r += together) {
+      const float *low = half + (n - r) * stride, *high = half + (n + r + 1) * stride;
+      for (int q = 0; q < together; ++q, low -= stride, high += stride) {
+        take(best, low, squares[r + q]);
+        take(best, high, squares[r + q]);
+      }
+      done = !any_above(best, squares[r + together]);
+    }
+    while (r < count && !done) {
       const int end = std::min(r + together, count);  // whether to stop is asked for several rows at once
       for (; r < end; ++r) {
         if (n - r >= 0) take(best, half + (n - r) * stride, squares[r]);
         if (n + r + 1 <= count) take(best, half + (n + r + 1) * stride, squares[r]);
       }
-      if (!any_above(best, squares[end])) break;
+      done = !any_above(best, squares[end]);
     }
     std::memcpy(at, best, sizeof best);
   }
