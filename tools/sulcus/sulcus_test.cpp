@@ -1,0 +1,227 @@
+// The command as a user meets it: whole runs, and what is said of wrong input.
+#include <gtest/gtest.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+namespace {
+namespace fs = std::filesystem;
+
+const fs::path source = SULCUS_SOURCE_DIR;
+const char* const brain_map = "/usr/share/mricron/templates/jhu189.nii.gz";
+
+struct Result {
+  int code = -1;
+  std::string output;  // standard output and error
+};
+
+Result sulcus(const std::string& arguments) {
+  Result result;
+  const std::string command = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
+  FILE* pipe = popen(command.c_str(), "r");
+  if (pipe == nullptr) return result;
+  char buffer[4096];
+  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
+  const int status = pclose(pipe);
+  result.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return result;
+}
+
+bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+
+std::string read(const fs::path& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+std::string fingerprint_of(const fs::path& run) {
+  const std::string text = read(run / "summary.json");
+  const auto at = text.find("\"fingerprint\": \"");
+  return at == std::string::npos ? "" : text.substr(at + 16, 16);
+}
+
+class Command : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder = fs::temp_directory_path() / ("sulcus_test_" + std::to_string(getpid()));
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+  }
+  void TearDown() override { fs::remove_all(folder); }
+  std::string out(const std::string& name) const { return (folder / name).string(); }
+
+  // A run that is refused says why in one line, with this in it, and leaves nothing behind.
+  void expect_refused(const std::string& arguments, int code, const std::string& says) {
+    const Result result = sulcus("run " + arguments + " --out " + out("refused"));
+    EXPECT_EQ(result.code, code) << arguments << '\n' << result.output;
+    EXPECT_TRUE(contains(result.output, "error: ")) << result.output;
+    EXPECT_TRUE(contains(result.output, says)) << result.output;
+    EXPECT_FALSE(fs::exists(folder / "refused" / "run.h5"));
+    EXPECT_FALSE(fs::exists(folder / "refused" / "summary.json"));
+  }
+
+  fs::path folder;
+};
+
+// ---- whole runs
+
+TEST_F(Command, CylinderRunsVerifiesReplaysAndReports) {
+  const Result run = sulcus("run cylinder_retraction --out " + out("run"));
+  ASSERT_EQ(run.code, 0) << run.output;
+  const Result verify = sulcus("verify " + out("run") + " --golden '" + (source / "golden").string() + "'");
+  EXPECT_EQ(verify.code, 0) << verify.output;
+  EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
+  EXPECT_TRUE(contains(verify.output, "golden/02_open.png") || contains(verify.output, ".png")) << verify.output;
+  EXPECT_TRUE(fs::exists(folder / "run" / "junit.xml"));
+  for (int threads : {1, 2, 3}) {
+    const Result replay = sulcus("replay " + out("run/run.h5") + " --threads " + std::to_string(threads));
+    EXPECT_EQ(replay.code, 0) << replay.output;
+    EXPECT_TRUE(contains(replay.output, "SAME")) << replay.output;
+  }
+  const Result report = sulcus("report " + out("run") + " --out " + out("report.html"));
+  EXPECT_EQ(report.code, 0) << report.output;
+  EXPECT_TRUE(contains(read(folder / "report.html"), "penetration"));
+  const Result again = sulcus("run cylinder_retraction --out " + out("run"));
+  EXPECT_EQ(again.code, 2) << "an existing folder must be refused";
+  EXPECT_TRUE(contains(again.output, "--force")) << again.output;
+}
+
+TEST_F(Command, ReplayNamesTheFirstDifference) {
+  ASSERT_EQ(sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=1 --out " + out("a")).code, 0);
+  // the same samples in a stiffer tissue: as if the engine had changed
+  const Result verify = sulcus("verify " + out("a") + " --golden '" + (source / "golden").string() + "'");
+  EXPECT_EQ(verify.code, 1) << verify.output;
+  EXPECT_TRUE(contains(verify.output, "FAIL  golden/steps")) << verify.output;
+}
+
+TEST_F(Command, BrainGivesTheSameFingerprintWithOneThreadTwoThreadsAndTwiceInARow) {
+  if (!fs::exists(brain_map)) GTEST_SKIP() << brain_map << " is missing: install the package mricron-data";
+  std::string first;
+  int number = 0;
+  for (int threads : {1, 2, 2}) {
+    const std::string name = "run" + std::to_string(number++);
+    const Result run = sulcus("run brain_sylvian_retraction --no-pictures --threads " + std::to_string(threads) +
+                              " --out " + out(name));
+    ASSERT_EQ(run.code, 0) << run.output;
+    const std::string fingerprint = fingerprint_of(folder / name);
+    ASSERT_EQ(fingerprint.size(), 16u);
+    if (first.empty()) first = fingerprint;
+    EXPECT_EQ(fingerprint, first) << threads;
+  }
+  EXPECT_TRUE(contains(read(source / "golden/brain_sylvian_retraction/golden.json"), first));
+}
+
+TEST_F(Command, MeshIsAVtkFileWithThePiecesApart) {
+  std::ofstream(folder / "pairs.txt") << "# a comment\n[heading]\n35 23  # a pair\n";
+  if (!fs::exists(brain_map)) GTEST_SKIP() << brain_map << " is missing: install the package mricron-data";
+  const Result mesh = sulcus(std::string("mesh ") + brain_map + " --size-mm 15 --pairs " + out("pairs.txt") + " --out " +
+                             out("mesh.vtu"));
+  ASSERT_EQ(mesh.code, 0) << mesh.output;
+  const std::string text = read(folder / "mesh.vtu");
+  EXPECT_TRUE(contains(text, "<VTKFile type=\"UnstructuredGrid\""));
+  EXPECT_TRUE(contains(text, "</VTKFile>"));
+  std::ofstream(folder / "bad.txt") << "35 23\n35 twenty\n";
+  const Result bad = sulcus(std::string("mesh ") + brain_map + " --pairs " + out("bad.txt") + " --out " + out("m.vtu"));
+  EXPECT_EQ(bad.code, 2);
+  EXPECT_TRUE(contains(bad.output, "bad.txt:2")) << bad.output;
+  EXPECT_FALSE(fs::exists(folder / "m.vtu"));
+}
+
+// ---- help
+
+TEST_F(Command, EveryCommandHasHelpWithAnExample) {
+  for (const char* command : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary"}) {
+    const Result help = sulcus(std::string(command) + " --help");
+    EXPECT_EQ(help.code, 0) << command;
+    EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + command)) << help.output;
+  }
+  EXPECT_TRUE(contains(sulcus("--help").output, "Exit codes"));
+}
+
+TEST_F(Command, ListShowsTheScenarios) {
+  const Result list = sulcus("list");
+  EXPECT_EQ(list.code, 0);
+  EXPECT_TRUE(contains(list.output, "brain_sylvian_retraction")) << list.output;
+  EXPECT_TRUE(contains(list.output, "cylinder_retraction")) << list.output;
+}
+
+// ---- wrong input
+
+TEST_F(Command, NonsenseOnTheCommandLineIsRefused) {
+  EXPECT_EQ(sulcus("").code, 2);
+  EXPECT_EQ(sulcus("fly").code, 2);
+  EXPECT_EQ(sulcus("run").code, 2);
+  EXPECT_EQ(sulcus("run cylinder_retraction --threads 0 --out " + out("x")).code, 2);
+  EXPECT_EQ(sulcus("verify " + out("nothing")).code, 2);
+  EXPECT_EQ(sulcus("replay " + out("nothing")).code, 2);
+  EXPECT_EQ(sulcus("mesh " + out("nothing") + " --out " + out("x.vtu")).code, 2);
+}
+
+TEST_F(Command, WrongScenariosAreRefused) {
+  expect_refused("no_such_scenario", 2, "no such scenario");
+  expect_refused("cylinder_retraction --set /tissue/default/youngs_modulus_Pa=-5", 2, "youngs_modulus_Pa");
+  expect_refused("cylinder_retraction --set /tissue/default/youngs_modulus_Pa=soft", 2, "youngs_modulus_Pa");
+  expect_refused("cylinder_retraction --set /time/duration_s=1000", 2, "duration");
+  expect_refused("cylinder_retraction --set /label_map='{\"file\":\"missing.nrrd\"}'", 2, "missing.nrrd");
+  std::string text = read(source / "scenarios/cylinder_retraction.json");
+  const auto at = text.find("\"youngs_modulus_Pa\"");
+  ASSERT_NE(at, std::string::npos);
+  std::string unknown = text;
+  unknown.replace(at, 19, "\"youngs_modulus_kPa\"");
+  std::ofstream(folder / "unknown.json") << unknown;
+  expect_refused(out("unknown.json"), 2, "youngs_modulus_Pa");  // the nearest known key
+  std::ofstream(folder / "cut.json") << text.substr(0, text.size() / 2);
+  expect_refused(out("cut.json"), 2, "line");
+}
+
+TEST_F(Command, PairsOfAbsentLabelsAreAWarning) {
+  const Result run = sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=0.2 "
+                            "--set /separation_pairs='[[2,3],[7,8]]' --out " + out("run"));
+  EXPECT_EQ(run.code, 0) << run.output;
+  EXPECT_TRUE(contains(run.output, "warning: ")) << run.output;
+}
+
+TEST_F(Command, PlacesThatCannotBeWrittenToAreSaid) {
+  const Result run = sulcus("run cylinder_retraction --no-pictures --out /proc/sulcus");
+  EXPECT_EQ(run.code, 3) << run.output;
+  EXPECT_TRUE(contains(run.output, "/proc/sulcus")) << run.output;
+}
+
+TEST_F(Command, AFullDiskIsSaidAndLeavesNoFinishedRecording) {
+  const fs::path disk = folder / "disk";
+  fs::create_directories(disk);
+  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=200k") != 0) GTEST_SKIP() << "no right to mount a small disk";
+  const Result run = sulcus("run cylinder_retraction --no-pictures --out " + (disk / "run").string());
+  EXPECT_EQ(run.code, 3) << run.output;
+  EXPECT_TRUE(contains(run.output, "error: ")) << run.output;
+  EXPECT_FALSE(fs::exists(disk / "run" / "run.h5"));
+  EXPECT_EQ(umount(disk.c_str()), 0);
+}
+
+TEST_F(Command, ForceDoesNotEmptyAFolderThatIsNoRun) {
+  fs::create_directories(folder / "precious");
+  std::ofstream(folder / "precious" / "thesis.txt") << "years of work";
+  const Result run = sulcus("run cylinder_retraction --force --out " + out("precious"));
+  EXPECT_EQ(run.code, 2) << run.output;
+  EXPECT_TRUE(fs::exists(folder / "precious" / "thesis.txt"));
+}
+
+TEST_F(Command, ADamagedRecordingIsRefused) {
+  ASSERT_EQ(sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=0.2 --out " + out("run")).code, 0);
+  fs::resize_file(folder / "run" / "run.h5", fs::file_size(folder / "run" / "run.h5") / 2);
+  for (const char* command : {"verify ", "report "}) {
+    const Result result = sulcus(command + out("run"));
+    EXPECT_EQ(result.code, 2) << result.output;
+    EXPECT_TRUE(contains(result.output, "run.h5")) << result.output;
+  }
+}
+
+}  // namespace
