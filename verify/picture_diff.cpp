@@ -92,4 +92,29 @@ Image difference_picture(const Image& a, const Image& b, double threshold) {
   return picture;
 }
 
+Image shrunk(const Image& image, int factor) {
+  if (factor < 1 || factor > image.width || factor > image.height) {
+    throw InputError("picture of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
+                     " pixels cannot be shrunk " + std::to_string(factor) + " times");
+  }
+  Image small{image.width / factor, image.height / factor, {}};
+  const int pixels = factor * factor;
+  for (int y = 0; y < small.height; ++y) {
+    for (int x = 0; x < small.width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        int sum = pixels / 2;
+        for (int dy = 0; dy < factor; ++dy) {
+          for (int dx = 0; dx < factor; ++dx) {
+            const auto at = (static_cast<std::size_t>(y * factor + dy) * static_cast<std::size_t>(image.width) +
+                             static_cast<std::size_t>(x * factor + dx)) * 3 + static_cast<std::size_t>(c);
+            sum += image.rgb[at];
+          }
+        }
+        small.rgb.push_back(static_cast<std::uint8_t>(sum / pixels));
+      }
+    }
+  }
+  return small;
+}
+
 }  // namespace sulcus

@@ -42,6 +42,17 @@ TEST(PictureDiff, OneStepOfAByteIsBelowNotice) {
   }
 }
 
+TEST(PictureDiff, ShrinkingTakesTheMeanAndKeepsAPlainColour) {
+  Image image{4, 2, {}};
+  for (std::uint8_t v : {0, 100, 10, 10, 200, 100, 10, 10}) image.rgb.insert(image.rgb.end(), {v, 7, 255});
+  const Image small = shrunk(image, 2);
+  EXPECT_EQ(small.width, 2);
+  EXPECT_EQ(small.height, 1);
+  EXPECT_EQ(small.rgb, (std::vector<std::uint8_t>{100, 7, 255, 10, 7, 255}));
+  EXPECT_THROW(shrunk(image, 3), InputError);
+  EXPECT_THROW(shrunk(image, 0), InputError);
+}
+
 TEST(PictureDiff, EqualPicturesDoNotDiffer) {
   const Image image = plain(5, 4, {10, 200, 30});
   const PictureDifference difference = compare_pictures(image, image, 0);

@@ -40,6 +40,12 @@ std::vector<Include> includes_below(const fs::path& folder) {
 
 std::string first_folder(const fs::path& path) { return path.begin()->string(); }
 
+bool for_tests(const fs::path& file) {
+  const std::string name = file.filename();
+  return name.starts_with("test_") || name.find("_test.") != std::string::npos ||
+         name.find("_bench.") != std::string::npos;
+}
+
 std::string run(const std::string& command) {
   std::string output;
   FILE* pipe = popen(command.c_str(), "r");
@@ -87,9 +93,8 @@ TEST(House, RoomsOfTheEngineIncludeOnlyWhatLiesBelowThem) {
     const std::string to = (++name.begin())->string();
     if (from == to) continue;
     ASSERT_TRUE(engine_order.contains(from) && engine_order.contains(to)) << include.file << ' ' << include.name;
-    const bool test = include.file.string().find("_test") != std::string::npos;
     const bool extra = std::find(engine_extra.begin(), engine_extra.end(), std::pair(from, to)) != engine_extra.end();
-    const bool test_meshes = test && include.name == "engine/fem/test_meshes.h";
+    const bool test_meshes = for_tests(include.file) && include.name == "engine/fem/test_meshes.h";
     EXPECT_TRUE(engine_order.at(to) < engine_order.at(from) || extra || test_meshes)
         << include.file << " includes " << include.name;
   }
@@ -100,11 +105,8 @@ TEST(House, TheEngineKnowsNoFileFormatsAndNoPixels) {
     for (const char* foreign : {"nlohmann", "hdf5", "H5", "itk", "CLI", "GL/", "png", "valijson", "xxhash", "ft2build"}) {
       EXPECT_FALSE(include.name.starts_with(foreign)) << include.file << " includes " << include.name;
     }
-    const bool test = include.file.string().find("_test") != std::string::npos;
-    EXPECT_FALSE(!test && (include.name == "random" || include.name == "chrono" || include.name == "unordered_map" ||
-                           include.name == "unordered_set") &&
-                 include.file.string().find("test_meshes") == std::string::npos &&
-                 include.file.string().find("_bench") == std::string::npos)
+    EXPECT_FALSE(!for_tests(include.file) && (include.name == "random" || include.name == "chrono" ||
+                                              include.name == "unordered_map" || include.name == "unordered_set"))
         << include.file << " includes <" << include.name << ">";
   }
 }

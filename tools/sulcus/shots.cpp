@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cstdio>
+
 #include "tools/sulcus/support.h"
 #include "verify/png.h"
 #include "verify/run_picture.h"
@@ -37,6 +40,7 @@ void render_shots(const Scenario& scenario, const Scene& scene, const std::vecto
     std::snprintf(time, sizeof time, "%.2f s", static_cast<double>(state.step) * scenario.scene.step_s);
     picture.title = scenario.title;
     picture.subtitle = shot.name + ", " + time;
+    std::replace(picture.subtitle.begin(), picture.subtitle.end(), '_', ' ');
     char number[24];
     std::snprintf(number, sizeof number, "%02zu_", f);
     write_png(render_run_picture(picture), directory / (number + shot.name + ".png"));

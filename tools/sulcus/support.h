@@ -25,8 +25,9 @@ std::vector<Check> check_run(const RunData& run, const std::filesystem::path& ru
                              const std::filesystem::path& golden);
 std::filesystem::path golden_folder(const std::filesystem::path& golden, const std::string& scenario);
 
-// Pictures of a run's folder: name of the shot -> file.
+// Pictures of a run's folder, in order of the shots. Golden ones are kept small: a third of the size.
 std::vector<std::filesystem::path> picture_files(const std::filesystem::path& run_dir);
+inline constexpr int golden_picture_factor = 3;
 
 struct ShotFrame {
   Shot shot;

@@ -5,6 +5,7 @@
 #include "verify/fingerprint.h"
 #include "verify/golden.h"
 #include "verify/junit.h"
+#include "verify/picture_diff.h"
 #include "verify/png.h"
 #include "verify/report.h"
 #include "verify/summary.h"
@@ -90,12 +91,11 @@ int golden_command(const GoldenOptions& options) {
   }
   const fs::path folder = options.golden / run.header.scenario_name;
   write_golden(run, folder);
+  // two pictures: the first, and the one in the middle, where most is to be seen
   const std::vector<fs::path> pictures = picture_files(options.run);
-  for (const fs::path& picture : pictures) {
-    const std::string name = picture.stem().string().substr(3);
-    if (name == "before" || name == "open") {
-      fs::copy_file(picture, folder / picture.filename(), fs::copy_options::overwrite_existing);
-    }
+  for (std::size_t p : {std::size_t{0}, pictures.size() / 2}) {
+    if (p >= pictures.size()) continue;
+    write_png(shrunk(read_png(pictures[p]), golden_picture_factor), folder / pictures[p].filename());
   }
   std::printf("%s\n", folder.c_str());
   return 0;
