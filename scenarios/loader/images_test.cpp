@@ -11,6 +11,16 @@
 #include "engine/numerics/error.h"
 #include "scenarios/loader/generated.h"
 
+// ITK's NIfTI writer leaks the names of its files.
+extern "C" __attribute__((visibility("default"))) const char* __lsan_default_suppressions();
+const char* __lsan_default_suppressions() {
+  return "leak:libITKniftiio\n";
+}
+extern "C" __attribute__((visibility("default"))) const char* __lsan_default_options();
+const char* __lsan_default_options() {
+  return "print_suppressions=0";
+}
+
 namespace sulcus {
 namespace {
 
