@@ -105,8 +105,11 @@ Image shrunk(const Image& image, int factor) {
         int sum = pixels / 2;
         for (int dy = 0; dy < factor; ++dy) {
           for (int dx = 0; dx < factor; ++dx) {
-            const auto at = (static_cast<std::size_t>(y * factor + dy) * static_cast<std::size_t>(image.width) +
-                             static_cast<std::size_t>(x * factor + dx)) * 3 + static_cast<std::size_t>(c);
+            const auto at =
+                (static_cast<std::size_t>(y * factor + dy) * static_cast<std::size_t>(image.width) +
+                 static_cast<std::size_t>(x * factor + dx)) *
+                    3 +
+                static_cast<std::size_t>(c);
             sum += image.rgb[at];
           }
         }

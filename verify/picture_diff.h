@@ -18,8 +18,8 @@ double colour_distance(const std::uint8_t* rgb_a, const std::uint8_t* rgb_b);
 // Throws InputError if the sizes differ, with both sizes.
 PictureDifference compare_pictures(const Image& a, const Image& b, double threshold);
 
-// The picture at 1/factor of its size, each pixel the mean of factor x factor (a last incomplete row or column is left
-// out). Throws InputError for a factor below 1 or above the picture's size.
+// The picture at 1/factor of its size, each pixel the mean of factor x factor (a last incomplete row or
+// column is left out). Throws InputError for a factor below 1 or above the picture's size.
 Image shrunk(const Image& image, int factor);
 
 // Grey copy of `a` on which the distance to `b` glows, from the threshold (dark red) to 4 thresholds

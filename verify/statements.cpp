@@ -9,7 +9,7 @@ namespace sulcus {
 
 namespace {
 
-constexpr double force_balance_bound = 1e-9;  // relative, see the header
+constexpr double force_balance_bound = 1e-6;  // relative, see the header
 constexpr std::int64_t shortest_window = 3;   // steps
 const std::string statement = "statement";
 

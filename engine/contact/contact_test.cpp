@@ -9,7 +9,8 @@
 namespace sulcus {
 namespace {
 
-// A block of 24 x 24 x 24 voxels of 1 mm, cells of 6 mm; above z = 12 mm another label, as a choice cut off by a pair.
+// A block of 24 x 24 x 24 voxels of 1 mm, cells of 6 mm; above z = 12 mm another label, as a choice cut off
+// by a pair.
 struct Block {
   LabelMap map;
   SeparationPairs pairs;
@@ -35,7 +36,8 @@ struct Block {
   std::vector<Contact> contacts(const std::vector<Vec3>& vertices) const {
     ContactSearch search;
     std::vector<Contact> found;
-    find_embedded_contacts(map, pairs, distance, mesh, positions, {}, 0, vertices, Vec3::Zero(), search, found);
+    find_embedded_contacts(map, pairs, distance, mesh, positions, {}, 0, vertices, Vec3::Zero(), search,
+                           found);
     return found;
   }
 };
@@ -103,7 +105,8 @@ TEST(EmbeddedContact, SurfacePointAndGapMeetAtTheVertex) {
     double sum = 0;
     for (std::size_t c = 0; c < 4; ++c) {
       const auto n = static_cast<std::size_t>(block.mesh.tets[static_cast<std::size_t>(contact.tet)][c]);
-      surface += contact.weights[c] * Vec3(block.positions[3 * n], block.positions[3 * n + 1], block.positions[3 * n + 2]);
+      surface += contact.weights[c] *
+                 Vec3(block.positions[3 * n], block.positions[3 * n + 1], block.positions[3 * n + 2]);
       sum += contact.weights[c];
     }
     EXPECT_NEAR(sum, 1, 1e-12);

@@ -19,7 +19,8 @@ struct Box {
 
 // Cells whose deformed box meets the tool's box, then their tetrahedra.
 void collect_candidates(const EmbeddingMesh& mesh, std::span<const double> positions,
-                        std::span<const std::uint8_t> alive, const Box& box, std::vector<std::int32_t>& candidates) {
+                        std::span<const std::uint8_t> alive, const Box& box,
+                        std::vector<std::int32_t>& candidates) {
   candidates.clear();
   const auto meets = [&](const std::int32_t* nodes, int count) {
     Vec3 low = node_position(positions, nodes[0]), high = low;
@@ -50,7 +51,8 @@ struct Grid {
   int along(int axis, double x) const {
     const double width = box.high[axis] - box.low[axis];
     const double place = width > 0 ? (x - box.low[axis]) / width * size[static_cast<std::size_t>(axis)] : 0;
-    return std::clamp(static_cast<int>(std::clamp(place, 0.0, 1e6)), 0, size[static_cast<std::size_t>(axis)] - 1);
+    return std::clamp(static_cast<int>(std::clamp(place, 0.0, 1e6)), 0,
+                      size[static_cast<std::size_t>(axis)] - 1);
   }
   std::size_t index(int i, int j, int k) const {
     return static_cast<std::size_t>((k * size[1] + j) * size[0] + i);
@@ -86,7 +88,8 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
   }
   for (std::size_t c = 0; c < count; ++c) search.cell_start[c + 1] += search.cell_start[c];
   search.cell_items.resize(static_cast<std::size_t>(search.cell_start[count]));
-  for (std::int32_t tet : search.candidates) {  // fill from the front; starts shift by one and are restored below
+  for (std::int32_t tet :
+       search.candidates) {  // fill from the front; starts shift by one and are restored below
     for_cells_of(tet, [&](std::size_t cell) {
       search.cell_items[static_cast<std::size_t>(search.cell_start[cell]++)] = tet;
     });
@@ -97,8 +100,8 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
 }
 
 // Barycentric coordinates of x in a deformed tetrahedron; false outside or where the tetrahedron is flat.
-bool barycentric(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet, const Vec3& x,
-                 std::array<double, 4>& weights) {
+bool barycentric(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
+                 const Vec3& x, std::array<double, 4>& weights) {
   const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
   const Vec3 x0 = node_position(positions, nodes[0]);
   const Vec3 a = node_position(positions, nodes[1]) - x0;
@@ -130,10 +133,10 @@ bool voxel_at(const LabelMap& map, const Vec3& point_voxel, Voxel& voxel) {
   return true;
 }
 
-// The voxel owned by `cell` nearest to the point, among the 27 around it. Returns the squared distance in voxels,
-// or a negative number if there is none.
-double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::int32_t cell, const Vec3& point_voxel,
-                           Voxel& nearest) {
+// The voxel owned by `cell` nearest to the point, among the 27 around it. Returns the squared distance in
+// voxels, or a negative number if there is none.
+double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::int32_t cell,
+                           const Vec3& point_voxel, Voxel& nearest) {
   double best = -1;
   Index3 centre;
   for (std::size_t a = 0; a < 3; ++a) {
@@ -225,7 +228,8 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
   if (search.candidates.empty()) return;
   const double cell_edge = mesh.voxels_per_cell[0] * map.spacing[0];
   const Grid grid = fill_grid(mesh, positions, box, cell_edge, search);
-  const double surface_inset = 0.25 * map.spacing.minCoeff();  // m, how far inside the surface its voxel is looked up
+  const double surface_inset =
+      0.25 * map.spacing.minCoeff();  // m, how far inside the surface its voxel is looked up
 
   const auto count = static_cast<std::int64_t>(vertices_world.size());
   search.found.resize(vertices_world.size());
@@ -247,8 +251,9 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
       if (!barycentric(mesh, positions, candidate, p, weights)) continue;
       Vec3 rest = Vec3::Zero();
       for (std::size_t c = 0; c < 4; ++c) {
-        rest += weights[c] *
-                mesh.rest_positions[static_cast<std::size_t>(mesh.tets[static_cast<std::size_t>(candidate)][c])];
+        rest +=
+            weights[c] *
+            mesh.rest_positions[static_cast<std::size_t>(mesh.tets[static_cast<std::size_t>(candidate)][c])];
       }
       const Vec3 at = map.to_voxel(rest);
       Voxel voxel;

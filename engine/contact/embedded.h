@@ -1,9 +1,9 @@
 // Detection B (thesis 5.3 as corrected): vertices of a tool inside the embedded volume.
 //
-// A tool vertex p (world) lies in a deformed tetrahedron T; its barycentric coordinates carry it to rest coordinates,
-// where the voxel under it tells which of several superimposed copies is meant and the distance field tells how deep
-// it lies. It is projected along the gradient to the surface point x_s of the rest shape, whose tetrahedron T_s
-// carries the contact force (the thesis takes T_s = T).
+// A tool vertex p (world) lies in a deformed tetrahedron T; its barycentric coordinates carry it to rest
+// coordinates, where the voxel under it tells which of several superimposed copies is meant and the distance
+// field tells how deep it lies. It is projected along the gradient to the surface point x_s of the rest
+// shape, whose tetrahedron T_s carries the contact force (the thesis takes T_s = T).
 #pragma once
 
 #include <array>
@@ -26,20 +26,20 @@ struct ContactLaw {
 
 struct Contact {
   std::int32_t tool = 0;
-  std::int32_t vertex = 0;                   // of the tool's surface
-  std::int32_t tet = 0;                      // T_s, carries the force
-  std::array<double, 4> weights{};           // of x_s in T_s (may extrapolate slightly)
-  Vec3 arm = Vec3::Zero();                   // m, world: vertex - centre of mass
-  Vec3 gap = Vec3::Zero();                   // m, world: p - x_s
-  Vec3 normal = Vec3::Zero();                // unit, world, out of the tissue
-  double depth_m = 0;                        // m, rest distance below the surface, > 0
+  std::int32_t vertex = 0;          // of the tool's surface
+  std::int32_t tet = 0;             // T_s, carries the force
+  std::array<double, 4> weights{};  // of x_s in T_s (may extrapolate slightly)
+  Vec3 arm = Vec3::Zero();          // m, world: vertex - centre of mass
+  Vec3 gap = Vec3::Zero();          // m, world: p - x_s
+  Vec3 normal = Vec3::Zero();       // unit, world, out of the tissue
+  double depth_m = 0;               // m, rest distance below the surface, > 0
 };
 
 // Scratch of the search; reused from step to step, content without meaning between calls.
 struct ContactSearch {
-  std::vector<std::int32_t> candidates;       // tets near the tool
+  std::vector<std::int32_t> candidates;  // tets near the tool
   std::vector<std::int32_t> cell_start, cell_items;
-  std::vector<Contact> found;                 // [vertices]; depth 0 = none
+  std::vector<Contact> found;  // [vertices]; depth 0 = none
 };
 
 // Appends the contacts of one tool in order of its vertices. vertices_world and arms: [vertices].

@@ -7,7 +7,8 @@
 namespace sulcus {
 
 template <class Real>
-SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa, int threads) {
+SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa,
+                                      int threads) {
   SystemMatrix<Real> system;
   const std::size_t padded = elements.nodes.size() / 4;
   const auto nodes = static_cast<std::size_t>(sparsity.nodes);
@@ -41,10 +42,11 @@ const double* rest_data<double>(const ElementData& elements) {
 }  // namespace
 
 template <class Real>
-void assemble_elements(const ElementData& elements, const Sparsity& sparsity, const StepCoefficients& coefficients,
-                       std::span<const Vec3> rest, std::span<const double> positions,
-                       std::span<const double> velocities, std::span<const std::uint8_t> alive,
-                       std::span<double> rotations, SystemMatrix<Real>& system) {
+void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
+                       const StepCoefficients& coefficients, std::span<const Vec3> rest,
+                       std::span<const double> positions, std::span<const double> velocities,
+                       std::span<const std::uint8_t> alive, std::span<double> rotations,
+                       SystemMatrix<Real>& system) {
   const double h = coefficients.step_s;
   const double ahead = h + coefficients.damping.beta_s;
   const double mass_scale = 1 + coefficients.damping.alpha_1_s * h;
@@ -102,7 +104,8 @@ void add_edge_block(SystemMatrix<Real>& system, std::int32_t edge, const Mat3& b
 }
 
 template <class Real>
-void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_node, SystemMatrix<Real>& system) {
+void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_node,
+                 SystemMatrix<Real>& system) {
   RowPass<Real> pass;
   pass.node_of_slot = sparsity.node_of_slot.data();
   pass.chunk_start = sparsity.chunk_start.data();
@@ -128,20 +131,22 @@ void elastic_forces(const ElementData& elements, const SystemMatrix<Real>& syste
     const auto n = static_cast<std::size_t>(i);
     Real sum[3] = {};
     for (std::int32_t k = elements.incident_start[n]; k < elements.incident_start[n + 1]; ++k) {
-      const Real* force = &system.forces[4 * static_cast<std::size_t>(elements.incident[static_cast<std::size_t>(k)])];
+      const Real* force =
+          &system.forces[4 * static_cast<std::size_t>(elements.incident[static_cast<std::size_t>(k)])];
       for (int d = 0; d < 3; ++d) sum[d] += force[d];
     }
     for (std::size_t d = 0; d < 3; ++d) forces[3 * n + d] = static_cast<double>(sum[d]);
   }
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                                    \
-  template SystemMatrix<Real> make_system_matrix<Real>(const ElementData&, const Sparsity&, Isa, int);              \
-  template void assemble_elements<Real>(const ElementData&, const Sparsity&, const StepCoefficients&,               \
-                                        std::span<const Vec3>, std::span<const double>, std::span<const double>,    \
-                                        std::span<const std::uint8_t>, std::span<double>, SystemMatrix<Real>&);     \
-  template void add_edge_block<Real>(SystemMatrix<Real>&, std::int32_t, const Mat3&);                               \
-  template void finish_rows<Real>(const Sparsity&, std::span<const std::uint8_t>, SystemMatrix<Real>&);             \
+#define SULCUS_INSTANTIATE(Real)                                                                        \
+  template SystemMatrix<Real> make_system_matrix<Real>(const ElementData&, const Sparsity&, Isa, int);  \
+  template void assemble_elements<Real>(const ElementData&, const Sparsity&, const StepCoefficients&,   \
+                                        std::span<const Vec3>, std::span<const double>,                 \
+                                        std::span<const double>, std::span<const std::uint8_t>,         \
+                                        std::span<double>, SystemMatrix<Real>&);                        \
+  template void add_edge_block<Real>(SystemMatrix<Real>&, std::int32_t, const Mat3&);                   \
+  template void finish_rows<Real>(const Sparsity&, std::span<const std::uint8_t>, SystemMatrix<Real>&); \
   template void elastic_forces<Real>(const ElementData&, const SystemMatrix<Real>&, std::span<double>);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)

@@ -11,7 +11,8 @@ namespace {
 
 void check_material(const Material& m) {
   const auto refuse = [](const char* what, double value, const char* expected) {
-    throw InputError(std::string("material: ") + what + " is " + std::to_string(value) + "; give " + expected);
+    throw InputError(std::string("material: ") + what + " is " + std::to_string(value) + "; give " +
+                     expected);
   };
   if (!(m.youngs_modulus_Pa > 0) || !std::isfinite(m.youngs_modulus_Pa)) {
     refuse("Young's modulus", m.youngs_modulus_Pa, "a positive number in Pa");
@@ -51,7 +52,8 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
     const Mat3 inverse = shape.inverse();
     const Material& m = materials[static_cast<std::size_t>(material_of_tet[static_cast<std::size_t>(e)])];
     const double mu = m.youngs_modulus_Pa / (2 * (1 + m.poisson_ratio));
-    const double lambda = m.youngs_modulus_Pa * m.poisson_ratio / ((1 + m.poisson_ratio) * (1 - 2 * m.poisson_ratio));
+    const double lambda =
+        m.youngs_modulus_Pa * m.poisson_ratio / ((1 + m.poisson_ratio) * (1 - 2 * m.poisson_ratio));
     const double stiffness_volume = slot < count ? volume : 0;
 
     const std::int64_t block = slot / lanes;
@@ -76,7 +78,8 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
   for (const auto& tet : mesh.tets) {
     for (std::int32_t node : tet) ++data.incident_start[static_cast<std::size_t>(node) + 1];
   }
-  for (std::size_t i = 1; i < data.incident_start.size(); ++i) data.incident_start[i] += data.incident_start[i - 1];
+  for (std::size_t i = 1; i < data.incident_start.size(); ++i)
+    data.incident_start[i] += data.incident_start[i - 1];
   data.incident.resize(mesh.tets.size() * 4);
   std::vector<std::int32_t> next(data.incident_start.begin(), data.incident_start.end() - 1);
   for (std::size_t e = 0; e < mesh.tets.size(); ++e) {

@@ -44,8 +44,8 @@ struct Body {
   template <class Real>
   SystemMatrix<Real> assemble(StepCoefficients coefficients, Isa isa = widest_isa(), int threads = 1) {
     auto system = make_system_matrix<Real>(elements, sparsity, isa, threads);
-    assemble_elements<Real>(elements, sparsity, coefficients, mesh.rest_positions, positions, velocities, {}, rotations,
-                            system);
+    assemble_elements<Real>(elements, sparsity, coefficients, mesh.rest_positions, positions, velocities, {},
+                            rotations, system);
     const std::vector<std::uint8_t> free_node(mesh.rest_positions.size(), 1);
     finish_rows<Real>(sparsity, free_node, system);
     return system;
@@ -61,9 +61,8 @@ struct Body {
 
   double energy() {
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
-      const Quaternion q = polar_rotation(deformation_gradient(elements, mesh.rest_positions, positions,
-                                                               static_cast<std::int64_t>(t)),
-                                          {});
+      const Quaternion q = polar_rotation(
+          deformation_gradient(elements, mesh.rest_positions, positions, static_cast<std::int64_t>(t)), {});
       rotations[4 * t] = q.s;
       rotations[4 * t + 1] = q.x;
       rotations[4 * t + 2] = q.y;
@@ -92,7 +91,9 @@ Mat3 reference_polar(const Mat3& f) {
   return u * v.transpose();
 }
 
-double trace_of_product(const Mat3& r, const Mat3& f) { return (r.transpose() * f).trace(); }
+double trace_of_product(const Mat3& r, const Mat3& f) {
+  return (r.transpose() * f).trace();
+}
 
 TEST(PolarRotation, AgreesWithADoubleSvdOnEveryKindOfGradient) {
   const std::uint64_t seed = 11;
@@ -103,14 +104,30 @@ TEST(PolarRotation, AgreesWithADoubleSvdOnEveryKindOfGradient) {
     const Mat3 v = random_rotation(random);
     Vec3 s(uniform(random, 0.1, 2), uniform(random, 0.1, 2), uniform(random, 0.1, 2));
     switch (trial % 8) {
-      case 1: s[2] = -s[2]; break;                                    // inverted
-      case 2: s[2] = 0; break;                                        // rank 2
-      case 3: s[1] = s[2] = 0; break;                                 // rank 1
-      case 4: s = Vec3::Zero(); break;                                // rank 0
-      case 5: s = Vec3::Constant(s[0]); break;                        // repeated
-      case 6: s[1] = s[0] * (1 + 1e-9); s[2] = 1e-7 * s[0]; break;    // nearly flat
-      case 7: s[2] = -s[1] * (1 - 1e-7); break;                       // nearly singular choice of R
-      default: break;
+      case 1:
+        s[2] = -s[2];
+        break;  // inverted
+      case 2:
+        s[2] = 0;
+        break;  // rank 2
+      case 3:
+        s[1] = s[2] = 0;
+        break;  // rank 1
+      case 4:
+        s = Vec3::Zero();
+        break;  // rank 0
+      case 5:
+        s = Vec3::Constant(s[0]);
+        break;  // repeated
+      case 6:
+        s[1] = s[0] * (1 + 1e-9);
+        s[2] = 1e-7 * s[0];
+        break;  // nearly flat
+      case 7:
+        s[2] = -s[1] * (1 - 1e-7);
+        break;  // nearly singular choice of R
+      default:
+        break;
     }
     const Mat3 f = q * s.asDiagonal() * v.transpose();
     const Mat3 start = random_rotation(random);
@@ -121,7 +138,8 @@ TEST(PolarRotation, AgreesWithADoubleSvdOnEveryKindOfGradient) {
     ASSERT_LT((r.transpose() * r - Mat3::Identity()).norm(), 1e-13);
     ASSERT_NEAR(r.determinant(), 1, 1e-13);
     // R need not be unique: what it must do is maximise tr(R^T F)
-    ASSERT_NEAR(trace_of_product(r, f), trace_of_product(reference_polar(f), f), 2e-12 * (1 + f.norm())) << trial;
+    ASSERT_NEAR(trace_of_product(r, f), trace_of_product(reference_polar(f), f), 2e-12 * (1 + f.norm()))
+        << trial;
     if (trial % 8 == 0 || trial % 8 == 5) {
       ASSERT_LT((r - reference_polar(f)).norm(), 1e-11) << trial;
     }
@@ -214,7 +232,8 @@ TEST(Elements, PatchOfUniformStrainHasNoInteriorForce) {
 }
 
 TEST(Elements, UniaxialBarCarriesTheExactForce) {
-  // 0.02 x 0.02 x 0.1 m, 10 % stretch, sides free: F = E A eps, lateral strain -nu eps (law linear in nominal stress)
+  // 0.02 x 0.02 x 0.1 m, 10 % stretch, sides free: F = E A eps, lateral strain -nu eps (law linear in nominal
+  // stress)
   Body body(box_mesh(2, 2, 10, 0.01));
   body.deform(Vec3(1 - 0.045, 1 - 0.045, 1.1).asDiagonal());
   const std::vector<double> force = body.force();
@@ -238,7 +257,8 @@ Eigen::MatrixXd dense(const Body& body, const SystemMatrix<double>& system) {
       const std::int32_t row = body.sparsity.node_of_slot[static_cast<std::size_t>(chunk * 16 + l)];
       if (row < 0) continue;
       for (int k = 0; k < 9; ++k) {
-        a(3 * row + k / 3, 3 * row + k % 3) += system.diagonal[static_cast<std::size_t>((chunk * 9 + k) * 16 + l)];
+        a(3 * row + k / 3, 3 * row + k % 3) +=
+            system.diagonal[static_cast<std::size_t>((chunk * 9 + k) * 16 + l)];
       }
       for (std::int64_t e = body.sparsity.chunk_start[static_cast<std::size_t>(chunk)];
            e < body.sparsity.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++e) {
@@ -246,7 +266,8 @@ Eigen::MatrixXd dense(const Body& body, const SystemMatrix<double>& system) {
         const std::int32_t other =
             body.sparsity.node_of_slot[static_cast<std::size_t>(column / 48 * 16 + column % 16)];
         for (int k = 0; k < 9; ++k) {
-          a(3 * row + k / 3, 3 * other + k % 3) += system.values[static_cast<std::size_t>((e * 9 + k) * 16 + l)];
+          a(3 * row + k / 3, 3 * other + k % 3) +=
+              system.values[static_cast<std::size_t>((e * 9 + k) * 16 + l)];
         }
       }
     }
@@ -291,10 +312,12 @@ TEST(Assembly, MatrixIsTheRotatedStiffnessPlusMass) {
     const Mat3 r = rotation_matrix({q[0], q[1], q[2], q[3]});
     Eigen::Matrix<double, 12, 12> turn = Eigen::Matrix<double, 12, 12>::Zero();
     for (int c = 0; c < 4; ++c) turn.block<3, 3>(3 * c, 3 * c) = r;
-    const Eigen::Matrix<double, 12, 12> k = turn * (b.transpose() * d * b * (shape.determinant() / 6)) * turn.transpose();
+    const Eigen::Matrix<double, 12, 12> k =
+        turn * (b.transpose() * d * b * (shape.determinant() / 6)) * turn.transpose();
     for (int c = 0; c < 4; ++c) {
       for (int e = 0; e < 4; ++e) {
-        expected.block<3, 3>(3 * tet[c], 3 * tet[e]) += (damping.beta_s * h + h * h) * k.block<3, 3>(3 * c, 3 * e);
+        expected.block<3, 3>(3 * tet[c], 3 * tet[e]) +=
+            (damping.beta_s * h + h * h) * k.block<3, 3>(3 * c, 3 * e);
       }
     }
   }
@@ -313,7 +336,8 @@ TEST(Assembly, StiffnessHasExactlySixZeroModes) {
   body.deform(rotation_matrix(quaternion_from_rotation_vector({0.4, 0.2, -0.7})));
   const auto system = body.assemble<double>({h, {}});
   Eigen::MatrixXd k = dense(body, system);
-  for (Eigen::Index i = 0; i < k.rows(); ++i) k(i, i) -= body.elements.node_mass[static_cast<std::size_t>(i / 3)];
+  for (Eigen::Index i = 0; i < k.rows(); ++i)
+    k(i, i) -= body.elements.node_mass[static_cast<std::size_t>(i / 3)];
   const Eigen::VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(k).eigenvalues();
   int zeros = 0;
   for (double e : eigenvalues) {
@@ -329,7 +353,8 @@ void expect_same_bits_everywhere() {
   SCOPED_TRACE(seed);
   std::mt19937_64 random(seed);
   Body body(box_mesh(5, 4, 3, 0.01));
-  for (double& x : body.positions) x += uniform(random, -0.004, 0.004);  // many inverted: the fallback is used
+  for (double& x : body.positions)
+    x += uniform(random, -0.004, 0.004);  // many inverted: the fallback is used
   for (double& v : body.velocities) v = uniform(random, -0.1, 0.1);
   Body reference = body;
   const auto expected = reference.assemble<Real>({h, {0.1, 0.05}}, Isa::sse2, 1);

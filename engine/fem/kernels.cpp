@@ -24,10 +24,12 @@ SULCUS_INLINE Rotation<Real> matrix_of(const Lanes<Real>* q) {
   const Lanes<Real> xx = x * x2, yy = y * y2, zz = z * z2;
   const Lanes<Real> xy = x * y2, xz = x * z2, yz = y * z2, sx = s * x2, sy = s * y2, sz = s * z2;
   const Lanes<Real> one = Lanes<Real>{} + Real(1);
-  return {{one - (yy + zz), xy - sz, xz + sy, xy + sz, one - (xx + zz), yz - sx, xz - sy, yz + sx, one - (xx + yy)}};
+  return {{one - (yy + zz), xy - sz, xz + sy, xy + sz, one - (xx + zz), yz - sx, xz - sy, yz + sx,
+           one - (xx + yy)}};
 }
 
-// One Newton step of tr(R^T F); returns |delta|^2, or a huge number where the Hessian is not positive definite.
+// One Newton step of tr(R^T F); returns |delta|^2, or a huge number where the Hessian is not positive
+// definite.
 template <class Real>
 SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
   using V = Lanes<Real>;
@@ -46,8 +48,8 @@ SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
   const V det = hxx * axx + hxy * axy + hxz * axz;
   const V size = m[0] * m[0] + m[4] * m[4] + m[8] * m[8] + m[1] * m[1] + m[2] * m[2] + m[5] * m[5];
   const V zero{};
-  const auto maximum = (hxx > zero) & (azz > Real(1e-4) * size) & (det * det > Real(1e-6) * size * size * size) &
-                       (det > zero);
+  const auto maximum =
+      (hxx > zero) & (azz > Real(1e-4) * size) & (det * det > Real(1e-6) * size * size * size) & (det > zero);
   const V safe_det = maximum ? det : zero + Real(1);
   const V dx = (axx * gx + axy * gy + axz * gz) / safe_det;
   const V dy = (axy * gx + ayy * gy + ayz * gz) / safe_det;
@@ -79,7 +81,8 @@ SULCUS_INLINE void gradients(const ElementPass<Real>& pass, const std::int32_t* 
     if constexpr (n >= 4) {
       for (int l = 0; l < n; l += 4) {
         const Real* from[4];
-        for (int k = 0; k < 4; ++k) from[k] = pass.node_fields + 8 * static_cast<std::int64_t>(nodes[16 * c + l + k]);
+        for (int k = 0; k < 4; ++k)
+          from[k] = pass.node_fields + 8 * static_cast<std::int64_t>(nodes[16 * c + l + k]);
         for (int half = 0; half < 8; half += 4) {
           Four<Real> a = load<Four<Real>>(from[0] + half), b = load<Four<Real>>(from[1] + half);
           Four<Real> d = load<Four<Real>>(from[2] + half), e = load<Four<Real>>(from[3] + half);

@@ -1,8 +1,9 @@
-// The hot loops of the assembly, compiled once for each instruction set (engine/numerics/isa.h). Raw arrays only;
-// the callers are in fem/assembly.cpp. Real is float or double.
+// The hot loops of the assembly, compiled once for each instruction set (engine/numerics/isa.h). Raw arrays
+// only; the callers are in fem/assembly.cpp. Real is float or double.
 //
 // Symmetric system of one backward Euler step, increments dv of the velocities (equations.md 2.3):
-//   A dv = b,  A = (1 + alpha h) M + (beta h + h^2) K,  b = h (-f_elastic(x + (h + beta) v) - alpha M v + f_ext)
+//   A dv = b,  A = (1 + alpha h) M + (beta h + h^2) K,  b = h (-f_elastic(x + (h + beta) v) - alpha M v +
+//   f_ext)
 // With h_a = R g_a (g_a: gradient of shape function a in the rest shape) the block of corners a, b is
 //   K_ab = V [lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)].
 #pragma once
@@ -15,14 +16,15 @@ namespace sulcus {
 
 template <class Real>
 struct ElementPass {
-  std::int64_t count = 0;                // elements
-  const std::int32_t* nodes = nullptr;   // ElementData::nodes
-  const Real* rest = nullptr;            // ElementData::rest_*
-  const Real* node_fields = nullptr;     // [8*nodes] displacement (m) of x and of x + (h + beta) v, each padded to 4
-  const std::uint8_t* alive = nullptr;   // [elements]; nullptr: all are
-  double* rotations = nullptr;           // [4*elements] in: warm start, out: rotation of x
-  Real* records = nullptr;               // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
-  Real* forces = nullptr;                // [16*...] elastic force (N) on corners 0..3, each padded to 4
+  std::int64_t count = 0;               // elements
+  const std::int32_t* nodes = nullptr;  // ElementData::nodes
+  const Real* rest = nullptr;           // ElementData::rest_*
+  const Real* node_fields =
+      nullptr;  // [8*nodes] displacement (m) of x and of x + (h + beta) v, each padded to 4
+  const std::uint8_t* alive = nullptr;  // [elements]; nullptr: all are
+  double* rotations = nullptr;          // [4*elements] in: warm start, out: rotation of x
+  Real* records = nullptr;  // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
+  Real* forces = nullptr;   // [16*...] elastic force (N) on corners 0..3, each padded to 4
 };
 
 template <class Real>
@@ -40,11 +42,11 @@ struct RowPass {
   const std::int32_t* chunk_start = nullptr;
   const std::int32_t* block = nullptr;
   const Real* blocks = nullptr;
-  const Real* node_terms = nullptr;   // [16*nodes] added to the diagonal block (9, row major, last 7 unused)
+  const Real* node_terms = nullptr;  // [16*nodes] added to the diagonal block (9, row major, last 7 unused)
   const std::uint8_t* free_node = nullptr;  // [nodes] 1: moves, 0: held
-  Real* values = nullptr;             // [entries*9*16] planes of 16 lanes
-  Real* diagonal = nullptr;           // [chunks*9*16]
-  Real* inverse = nullptr;            // [chunks*9*16] inverse of the diagonal block; 0 for held nodes and padding
+  Real* values = nullptr;                   // [entries*9*16] planes of 16 lanes
+  Real* diagonal = nullptr;                 // [chunks*9*16]
+  Real* inverse = nullptr;  // [chunks*9*16] inverse of the diagonal block; 0 for held nodes and padding
 };
 
 template <class Real>

@@ -96,7 +96,9 @@ SignedSvd signed_svd_near(const Mat3& f, const Mat3& start) {
 
 }  // namespace
 
-SignedSvd signed_svd(const Mat3& f) { return signed_svd_near(f, Mat3::Identity()); }
+SignedSvd signed_svd(const Mat3& f) {
+  return signed_svd_near(f, Mat3::Identity());
+}
 
 Quaternion polar_rotation(const Mat3& f, const Quaternion& start) {
   if (!f.allFinite()) return start;
@@ -109,7 +111,8 @@ Quaternion polar_rotation(const Mat3& f, const Quaternion& start) {
     const Mat3 h = (m(0, 0) + m(1, 1) + m(2, 2)) * Mat3::Identity() - 0.5 * (m + m.transpose());
     const double minor = h(0, 0) * h(1, 1) - h(0, 1) * h(0, 1);
     const double det = h.determinant();
-    const bool maximum = h(0, 0) > 1e-6 * size && minor > 1e-9 * size * size && det > 1e-10 * size * size * size;
+    const bool maximum =
+        h(0, 0) > 1e-6 * size && minor > 1e-9 * size * size && det > 1e-10 * size * size * size;
     if (!maximum) break;
     Mat3 adjugate;
     adjugate.row(0) = h.col(1).cross(h.col(2)).transpose();

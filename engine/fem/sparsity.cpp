@@ -108,7 +108,8 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
             present ? neighbours[static_cast<std::size_t>(start[static_cast<std::size_t>(node)] + k)]
                     : Neighbour{-1, -1};
         // padding reads the chunk's own entry and multiplies it by zero
-        s.column.push_back(present ? offset(neighbour.node) : static_cast<std::int32_t>(chunk * 3 * rows + l));
+        s.column.push_back(present ? offset(neighbour.node)
+                                   : static_cast<std::int32_t>(chunk * 3 * rows + l));
         s.block.push_back(neighbour.block);
       }
     }

@@ -1,7 +1,9 @@
-// Where the stiffness blocks go: the edges of the mesh, who contributes to them, and the sliced block storage (SELL)
-// of the symmetric matrix: chunks of 16 rows, rows sorted by length within windows of 64 so that padding stays small.
+// Where the stiffness blocks go: the edges of the mesh, who contributes to them, and the sliced block storage
+// (SELL) of the symmetric matrix: chunks of 16 rows, rows sorted by length within windows of 64 so that
+// padding stays small.
 //
-// Vectors of the linear solver use the same slots: entry d of slot s stands at [(s / 16 * 3 + d) * 16 + s % 16].
+// Vectors of the linear solver use the same slots: entry d of slot s stands at [(s / 16 * 3 + d) * 16 + s %
+// 16].
 #pragma once
 
 #include <array>

@@ -10,7 +10,8 @@ namespace {
 
 double rest_value(const ElementData& elements, std::int64_t element, int component) {
   constexpr std::int64_t lanes = ElementData::lanes;
-  return elements.rest_double[static_cast<std::size_t>((element / lanes * 12 + component) * lanes + element % lanes)];
+  return elements
+      .rest_double[static_cast<std::size_t>((element / lanes * 12 + component) * lanes + element % lanes)];
 }
 
 bool present(std::span<const std::uint8_t> alive, std::int64_t element) {
@@ -19,14 +20,15 @@ bool present(std::span<const std::uint8_t> alive, std::int64_t element) {
 
 }  // namespace
 
-Mat3 deformation_gradient(const ElementData& elements, std::span<const Vec3> rest, std::span<const double> positions,
-                          std::int64_t element) {
+Mat3 deformation_gradient(const ElementData& elements, std::span<const Vec3> rest,
+                          std::span<const double> positions, std::int64_t element) {
   constexpr std::int64_t lanes = ElementData::lanes;
   Vec3 displacement[4];
   for (int a = 0; a < 4; ++a) {
     const auto node = static_cast<std::size_t>(
         elements.nodes[static_cast<std::size_t>((element / lanes * 4 + a) * lanes + element % lanes)]);
-    displacement[a] = Vec3(positions[3 * node], positions[3 * node + 1], positions[3 * node + 2]) - rest[node];
+    displacement[a] =
+        Vec3(positions[3 * node], positions[3 * node + 1], positions[3 * node + 2]) - rest[node];
   }
   Mat3 f = Mat3::Identity();
   for (int a = 1; a < 4; ++a) {
@@ -37,8 +39,9 @@ Mat3 deformation_gradient(const ElementData& elements, std::span<const Vec3> res
   return f;
 }
 
-double elastic_energy(const ElementData& elements, std::span<const Vec3> rest, std::span<const double> positions,
-                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads) {
+double elastic_energy(const ElementData& elements, std::span<const Vec3> rest,
+                      std::span<const double> positions, std::span<const double> rotations,
+                      std::span<const std::uint8_t> alive, int threads) {
   constexpr std::int64_t block = 256;
   const std::int64_t blocks = (elements.count + block - 1) / block;
   constexpr std::int64_t batch = 64;  // blocks whose sums are kept at a time, without allocation
@@ -56,7 +59,8 @@ double elastic_energy(const ElementData& elements, std::span<const Vec3> rest, s
                        deformation_gradient(elements, rest, positions, e);
         const Mat3 strain = 0.5 * (m + m.transpose()) - Mat3::Identity();
         const double trace = strain(0, 0) + strain(1, 1) + strain(2, 2);
-        sum += rest_value(elements, e, 10) * strain.squaredNorm() + 0.5 * rest_value(elements, e, 9) * trace * trace;
+        sum += rest_value(elements, e, 10) * strain.squaredNorm() +
+               0.5 * rest_value(elements, e, 9) * trace * trace;
       }
       sums[b - first] = sum;
     }
@@ -85,7 +89,8 @@ std::int64_t count_inverted_elements(const ElementData& elements, std::span<cons
                                      std::span<const double> positions, std::span<const std::uint8_t> alive) {
   std::int64_t inverted = 0;
   for (std::int64_t e = 0; e < elements.count; ++e) {
-    if (present(alive, e) && !(deformation_gradient(elements, rest, positions, e).determinant() > 0)) ++inverted;
+    if (present(alive, e) && !(deformation_gradient(elements, rest, positions, e).determinant() > 0))
+      ++inverted;
   }
   return inverted;
 }

@@ -78,15 +78,17 @@ double det_exp(double x) {
   const double k = std::floor(x * 1.44269504088896340736 + 0.5);
   const double r = (x - k * 0x1.62e42fefap-1) - k * 0x1.cf79abc9e3b3ap-40;
   double sum = 1.0 / 87178291200.0;
-  for (double divisor : {6227020800.0, 479001600.0, 39916800.0, 3628800.0, 362880.0, 40320.0, 5040.0, 720.0, 120.0,
-                         24.0, 6.0, 2.0}) {
+  for (double divisor : {6227020800.0, 479001600.0, 39916800.0, 3628800.0, 362880.0, 40320.0, 5040.0, 720.0,
+                         120.0, 24.0, 6.0, 2.0}) {
     sum = sum * r + 1.0 / divisor;
   }
   const double value = 1.0 + (r + r * r * sum);
   // times 2^k in two halves, so that results near the ends of the range stay right
   const auto half = static_cast<std::int64_t>(k) / 2;
   const auto rest = static_cast<std::int64_t>(k) - half;
-  const auto power = [](std::int64_t n) { return std::bit_cast<double>(static_cast<std::uint64_t>(n + 1023) << 52); };
+  const auto power = [](std::int64_t n) {
+    return std::bit_cast<double>(static_cast<std::uint64_t>(n + 1023) << 52);
+  };
   return value * power(half) * power(rest);
 }
 

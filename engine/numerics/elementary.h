@@ -1,5 +1,5 @@
-// Elementary functions made of + - * / and sqrt only. They exist because libm gives different bits on different
-// processors and versions (docs/determinism.md); these give the same everywhere.
+// Elementary functions made of + - * / and sqrt only. They exist because libm gives different bits on
+// different processors and versions (docs/determinism.md); these give the same everywhere.
 #pragma once
 
 namespace sulcus {

@@ -1,5 +1,5 @@
-// Instruction sets. The hot kernels are compiled once for each of these and chosen at run time; all give the same
-// bits, since none uses fused multiply-add and no result depends on the width of a register.
+// Instruction sets. The hot kernels are compiled once for each of these and chosen at run time; all give the
+// same bits, since none uses fused multiply-add and no result depends on the width of a register.
 #pragma once
 
 namespace sulcus {

@@ -1,6 +1,7 @@
-// Vectors of the compiler's own (gcc and clang vector extensions), as wide as the instruction set that the file is
-// compiled for. Only for kernel files, which are compiled once for each instruction set: they set
-// SULCUS_ISA_NAMESPACE and include no templates of other libraries, so that no wide instruction leaks elsewhere.
+// Vectors of the compiler's own (gcc and clang vector extensions), as wide as the instruction set that the
+// file is compiled for. Only for kernel files, which are compiled once for each instruction set: they set
+// SULCUS_ISA_NAMESPACE and include no templates of other libraries, so that no wide instruction leaks
+// elsewhere.
 #pragma once
 
 #include <cstring>

@@ -11,7 +11,9 @@ Quaternion operator*(const Quaternion& a, const Quaternion& b) {
           a.s * b.y - a.x * b.z + a.y * b.s + a.z * b.x, a.s * b.z + a.x * b.y - a.y * b.x + a.z * b.s};
 }
 
-Quaternion conjugate(const Quaternion& q) { return {q.s, -q.x, -q.y, -q.z}; }
+Quaternion conjugate(const Quaternion& q) {
+  return {q.s, -q.x, -q.y, -q.z};
+}
 
 Quaternion normalised(const Quaternion& q) {
   const double length = std::sqrt(q.s * q.s + q.x * q.x + q.y * q.y + q.z * q.z);

@@ -18,8 +18,8 @@ Quaternion normalised(const Quaternion& q);  // the identity if |q| is zero or n
 // Rotation matrix; valid for any |q| > 0 (homogeneous form divided by |q|^2, equations.md 2.5).
 Mat3 rotation_matrix(const Quaternion& q);
 
-// exp of a rotation vector [rad, world axes], and the rotation vector of q in [0, pi] (atan2 form, equations.md
-// 2.5), whatever the sign of q. Uses the engine's own elementary functions.
+// exp of a rotation vector [rad, world axes], and the rotation vector of q in [0, pi] (atan2 form,
+// equations.md 2.5), whatever the sign of q. Uses the engine's own elementary functions.
 Quaternion quaternion_from_rotation_vector(const Vec3& rotation);
 Vec3 rotation_vector(const Quaternion& q);
 

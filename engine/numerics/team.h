@@ -1,5 +1,6 @@
-// A team of threads that works through a fixed partition of the work. Results never depend on the number of threads:
-// each block of work is done whole by one thread, and partial sums are combined in the order of the blocks.
+// A team of threads that works through a fixed partition of the work. Results never depend on the number of
+// threads: each block of work is done whole by one thread, and partial sums are combined in the order of the
+// blocks.
 #pragma once
 
 #include <atomic>
@@ -8,8 +9,8 @@
 
 namespace sulcus {
 
-// Barrier that spins for about two microseconds and then yields, so that it neither wastes the gain of a second
-// thread nor collapses when other processes hold the cores.
+// Barrier that spins for about two microseconds and then yields, so that it neither wastes the gain of a
+// second thread nor collapses when other processes hold the cores.
 class SpinBarrier {
  public:
   explicit SpinBarrier(int threads) : threads_(threads), waiting_(0), generation_(0) {}

@@ -1,5 +1,5 @@
-// Replaces the global operator new of the test program that links it. In a file of its own, so that the compiler does
-// not see both halves of a pair at once and mistake them for a mismatch.
+// Replaces the global operator new of the test program that links it. In a file of its own, so that the
+// compiler does not see both halves of a pair at once and mistake them for a mismatch.
 #include "engine/scene/allocation_count.h"
 
 #include <atomic>
@@ -18,14 +18,26 @@ void* counted(void* p) {
 
 }  // namespace
 
-long sulcus::allocation_count() { return allocations; }
+long sulcus::allocation_count() {
+  return allocations;
+}
 
-void* operator new(std::size_t size) { return counted(std::malloc(size)); }
+void* operator new(std::size_t size) {
+  return counted(std::malloc(size));
+}
 void* operator new(std::size_t size, std::align_val_t alignment) {
   const auto a = static_cast<std::size_t>(alignment);
   return counted(std::aligned_alloc(a, (size + a - 1) / a * a));
 }
-void operator delete(void* p) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t) noexcept { std::free(p); }
-void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
+void operator delete(void* p) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}

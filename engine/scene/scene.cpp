@@ -25,11 +25,13 @@ void check_tool(const Tool& tool) {
   const std::string name = "tool \"" + tool.name + "\": ";
   check_positive((name + "mass (kg)").c_str(), tool.body.mass_kg);
   const Mat3& inertia = tool.body.inertia_kg_m2;
-  const bool definite = inertia.allFinite() && (inertia - inertia.transpose()).norm() <= 1e-9 * inertia.norm() &&
-                        inertia(0, 0) > 0 && inertia(0, 0) * inertia(1, 1) - inertia(0, 1) * inertia(1, 0) > 0 &&
-                        inertia.determinant() > 0;
+  const bool definite =
+      inertia.allFinite() && (inertia - inertia.transpose()).norm() <= 1e-9 * inertia.norm() &&
+      inertia(0, 0) > 0 && inertia(0, 0) * inertia(1, 1) - inertia(0, 1) * inertia(1, 0) > 0 &&
+      inertia.determinant() > 0;
   if (!definite) {
-    throw InputError("scene: " + name + "the inertia is not symmetric positive definite; give moments above zero");
+    throw InputError("scene: " + name +
+                     "the inertia is not symmetric positive definite; give moments above zero");
   }
   check_not_negative((name + "coupling stiffness (N/m)").c_str(), tool.coupling.stiffness_N_m);
   check_not_negative((name + "coupling damping (N s/m)").c_str(), tool.coupling.damping_N_s_m);

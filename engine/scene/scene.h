@@ -1,5 +1,5 @@
-// Scene: all that does not change during a run. State: all that does. step() is a function of scene, state and the
-// device samples, and of nothing else.
+// Scene: all that does not change during a run. State: all that does. step() is a function of scene, state
+// and the device samples, and of nothing else.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ namespace sulcus {
 
 struct NodeSpring {
   std::int32_t node = 0;
-  double stiffness_N_m = 0;   // N/m, >= 0
-  double damping_N_s_m = 0;   // N s/m, >= 0
+  double stiffness_N_m = 0;  // N/m, >= 0
+  double damping_N_s_m = 0;  // N s/m, >= 0
 };
 
 struct Tool {
@@ -38,17 +38,17 @@ struct SceneDescription {
   LabelMap map;
   SeparationPairs pairs;
   EmbeddingOptions embedding;
-  Material material;                            // of labels that `materials` does not name
-  std::map<std::int32_t, Material> materials;   // by label
+  Material material;                           // of labels that `materials` does not name
+  std::map<std::int32_t, Material> materials;  // by label
   RayleighDamping damping;
-  Vec3 gravity = Vec3::Zero();                  // m/s^2
-  std::vector<std::int32_t> fixed_nodes;        // held at rest
-  std::vector<NodeSpring> springs;              // to the rest position
+  Vec3 gravity = Vec3::Zero();            // m/s^2
+  std::vector<std::int32_t> fixed_nodes;  // held at rest
+  std::vector<NodeSpring> springs;        // to the rest position
   std::vector<Tool> tools;
   ContactLaw contact;
   SolverSettings solver;
-  double step_s = 0.033;                        // s, time step h > 0
-  bool energies = true;                         // whether the energy of the tissue is reported at each step
+  double step_s = 0.033;  // s, time step h > 0
+  bool energies = true;   // whether the energy of the tissue is reported at each step
 };
 
 struct Scene {
@@ -65,8 +65,9 @@ struct Scene {
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 
-// Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a caller can
-// choose nodes by position first. Throws InputError for what cannot be simulated (negative stiffness, nu outside
+// Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
+// caller can choose nodes by position first. Throws InputError for what cannot be simulated (negative
+// stiffness, nu outside
 // (-1, 0.5), no mass, a node number out of range, a time step of zero, a tool that is not finite).
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh);
 

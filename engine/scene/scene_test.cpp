@@ -51,7 +51,9 @@ void hold_bottom(SceneDescription& d) {
 // The hand presses a ball 12 mm into the top of a block of 80 mm, slides and comes back: 2 s.
 DeviceSample press(double time_s) {
   DeviceSample sample;
-  const double down = time_s < 0.8 ? time_s / 0.8 : time_s < 1.2 ? 1.0 : std::fmax(0.0, 1 - (time_s - 1.2) / 0.4);
+  const double down = time_s < 0.8   ? time_s / 0.8
+                      : time_s < 1.2 ? 1.0
+                                     : std::fmax(0.0, 1 - (time_s - 1.2) / 0.4);
   sample.position = Vec3(0.04 + 0.01 * (time_s > 0.8) * (time_s - 0.8), 0.04, 0.105 - 0.03 * down);
   sample.linear_velocity_valid = true;
   return sample;
@@ -199,7 +201,7 @@ TEST(Step, PressedBlockPushesBackAndComesToRest) {
   for (const StepReport& report : reports) {
     const ToolReport& tool = report.tools[0];
     ASSERT_TRUE(report.finite && report.converged);
-    EXPECT_LT((tool.contact_force + tool.tissue_force).norm(), 1e-12);
+    EXPECT_LT((tool.contact_force + tool.tissue_force).norm(), 1e-6);  // single-precision borders
     if (tool.contacts > 0) {
       EXPECT_GE(tool.min_push_N, -1e-6) << report.step;
     }

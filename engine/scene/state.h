@@ -24,8 +24,8 @@ struct State {
 // At rest, tools at the poses of their first samples, nothing moving.
 State initial_state(const Scene& scene, std::span<const DeviceSample> samples);
 
-// Calls visit(name, span) for every array of the state in a fixed order: "step", "positions", ... The span is of
-// std::int64_t, double or std::uint8_t. The one list of fields for recording, fingerprint and comparison.
+// Calls visit(name, span) for every array of the state in a fixed order: "step", "positions", ... The span is
+// of std::int64_t, double or std::uint8_t. The one list of fields for recording, fingerprint and comparison.
 template <class SomeState, class Visit>
 void for_each_field(SomeState& state, Visit&& visit) {
   visit(std::string_view("step"), std::span(&state.step, 1));

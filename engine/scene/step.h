@@ -1,4 +1,5 @@
-// One time step: backward Euler of tissue and tools as one symmetric positive definite system (equations.md 4).
+// One time step: backward Euler of tissue and tools as one symmetric positive definite system (equations.md
+// 4).
 //
 //   sample -> contacts -> assembly -> solve -> update -> coupling
 #pragma once
@@ -18,7 +19,8 @@ namespace sulcus {
 
 enum class Stage : int { contacts, assembly, solve, update };
 inline constexpr int stage_count = 4;
-inline constexpr std::array<const char*, stage_count> stage_names = {"contacts", "assembly", "solve", "update"};
+inline constexpr std::array<const char*, stage_count> stage_names = {"contacts", "assembly", "solve",
+                                                                     "update"};
 
 // Told when a stage ends; the place for clocks, which the engine itself does not read. Must not throw.
 struct StageObserver {
@@ -27,26 +29,26 @@ struct StageObserver {
 };
 
 struct ToolReport {
-  Vec3 contact_force = Vec3::Zero();    // N, of the tissue on the tool
+  Vec3 contact_force = Vec3::Zero();    // N, of the tissue on the tool, by the tool's balance of momentum
   Vec3 contact_torque = Vec3::Zero();   // N m, about the centre of mass
-  Vec3 tissue_force = Vec3::Zero();     // N, of the tool on the tissue, summed over the nodes
+  Vec3 tissue_force = Vec3::Zero();     // N, of the tool on the tissue, by the law of contact, over its nodes
   Vec3 coupling_force = Vec3::Zero();   // N, of the tool on the hand, before the filter
   Vec3 coupling_torque = Vec3::Zero();  // N m
   Vec3 displayed_force = Vec3::Zero();  // N, after the filter
   Vec3 displayed_torque = Vec3::Zero();
-  double max_penetration_m = 0;         // m, of the contacts found at the start of the step
+  double max_penetration_m = 0;  // m, of the contacts found at the start of the step
   std::int32_t contacts = 0;
-  std::int32_t dropped_contacts = 0;    // by the tension rule
-  double min_push_N = 0;                // N, smallest normal force of a kept contact, > 0 pushes
+  std::int32_t dropped_contacts = 0;  // by the tension rule
+  double min_push_N = 0;              // N, smallest normal force of a kept contact, > 0 pushes
 };
 
 struct StepReport {
-  std::int64_t step = 0;   // number of the step that was done, from 0
-  double time_s = 0;       // s, at the end of the step
+  std::int64_t step = 0;  // number of the step that was done, from 0
+  double time_s = 0;      // s, at the end of the step
   std::int32_t iterations = 0;
-  double residual = 0;     // relative, as the solver's tolerance is
-  bool converged = false;  // by tolerance; false: stopped by the cap
-  bool finite = true;      // all of the new state
+  double residual = 0;          // relative, as the solver's tolerance is
+  bool converged = false;       // by tolerance; false: stopped by the cap
+  bool finite = true;           // all of the new state
   double kinetic_energy_J = 0;  // J, tissue, at the end of the step (0 unless the scene asks for energies)
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
@@ -66,9 +68,10 @@ void step(const Scene& scene, std::span<const DeviceSample> samples, State& stat
           Workspace& workspace, StageObserver* observer = nullptr);
 StepReport make_report(const Scene& scene);
 
-// Relative error of the velocity increment that the scene's solver settings leave in the coming step, against a solve
-// in double precision to 1e-10: |dv - dv*| / max(|dv*|, sqrt(nodes) * resting_increment_m_s): at rest, where dv* is
-// nothing but rounding, a relative error would mean nothing. Leaves the state alone. Slow; for reports.
+// Relative error of the velocity increment that the scene's solver settings leave in the coming step, against
+// a solve in double precision to 1e-10: |dv - dv*| / max(|dv*|, sqrt(nodes) * resting_increment_m_s): at
+// rest, where dv* is nothing but rounding, a relative error would mean nothing. Leaves the state alone. Slow;
+// for reports.
 inline constexpr double resting_increment_m_s = 1e-6;  // m/s a step
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads);

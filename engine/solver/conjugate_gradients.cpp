@@ -25,9 +25,12 @@ SolverKernels<Real> solver_table();
 template <class Real>
 SolverKernels<Real> solver_kernels(Isa isa) {
   switch (isa) {
-    case Isa::avx512: return isa_avx512::solver_table<Real>();
-    case Isa::avx2: return isa_avx2::solver_table<Real>();
-    case Isa::sse2: break;
+    case Isa::avx512:
+      return isa_avx512::solver_table<Real>();
+    case Isa::avx2:
+      return isa_avx2::solver_table<Real>();
+    case Isa::sse2:
+      break;
   }
   return isa_sse2::solver_table<Real>();
 }
@@ -137,7 +140,8 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         break;
       }
       const double alpha = rz / pq;
-      kernels.advance(matrix, static_cast<Real>(alpha), p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+      kernels.advance(matrix, static_cast<Real>(alpha), p, q, x, r, z, workspace.rz.data(), own.first,
+                      own.last);
       barrier.wait();
       const double rz_new = ordered_sum(workspace.rz);
       ++iteration;
@@ -159,11 +163,12 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
   return result;
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                           \
-  template SolverKernels<Real> solver_kernels<Real>(Isa);                                                  \
-  template SolverWorkspace<Real> make_solver_workspace<Real>(const Sparsity&, Isa, int);                   \
-  template SolveResult conjugate_gradients<Real>(const RowMatrix<Real>&, const std::vector<ToolBorder<Real>>&, \
-                                                 double, double, int, SolverWorkspace<Real>&);
+#define SULCUS_INSTANTIATE(Real)                                                                            \
+  template SolverKernels<Real> solver_kernels<Real>(Isa);                                                   \
+  template SolverWorkspace<Real> make_solver_workspace<Real>(const Sparsity&, Isa, int);                    \
+  template SolveResult conjugate_gradients<Real>(const RowMatrix<Real>&,                                    \
+                                                 const std::vector<ToolBorder<Real>>&, double, double, int, \
+                                                 SolverWorkspace<Real>&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)
 #undef SULCUS_INSTANTIATE

@@ -17,9 +17,11 @@ enum class Preconditioner { block_jacobi };
 struct SolverSettings {
   Preconditioner preconditioner = Preconditioner::block_jacobi;
   Precision precision = Precision::single_precision;
-  double tolerance = 1e-3;  // of |r| / |b| in the norm of the preconditioner, |r|^2 = r . D^-1 r; b: right-hand side
+  double tolerance =
+      1e-3;  // of |r| / |b| in the norm of the preconditioner, |r|^2 = r . D^-1 r; b: right-hand side
   int max_iterations = 1000;
-  double velocity_floor_m_s = 1e-8;  // m/s; |r| below this times the root of the tissue's mass is converged in any case
+  double velocity_floor_m_s =
+      1e-8;  // m/s; |r| below this times the root of the tissue's mass is converged in any case
 };
 
 // One rigid tool eliminated from the bordered system [A B; B^T C] (equations.md 4): the solver works with
@@ -27,12 +29,12 @@ struct SolverSettings {
 template <class Real>
 struct ToolBorder {
   struct Row {
-    std::int64_t chunk = 0;   // of the node's slot
-    std::int64_t offset = 0;  // of the node's entry 0 in a solver vector
+    std::int64_t chunk = 0;    // of the node's slot
+    std::int64_t offset = 0;   // of the node's entry 0 in a solver vector
     std::array<Real, 18> b{};  // 3x6, row major
   };
-  std::vector<Row> rows;                  // ascending by offset
-  std::array<double, 36> inverse{};       // C^-1, row major
+  std::vector<Row> rows;             // ascending by offset
+  std::array<double, 36> inverse{};  // C^-1, row major
 };
 
 template <class Real>
@@ -47,7 +49,8 @@ struct SolveResult {
   int iterations = 0;
   double residual = 0;     // |r| / |b| reached; 0 if b is below the floor
   bool converged = false;  // by tolerance or floor
-  bool broken = false;     // the matrix was not positive definite, or a number not finite: x is the last good one
+  bool broken =
+      false;  // the matrix was not positive definite, or a number not finite: x is the last good one
 };
 
 template <class Real>
@@ -57,6 +60,7 @@ SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, i
 // Cost of an iteration: one product with the matrix, one pass over five vectors.
 template <class Real>
 SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
-                                double tolerance, double floor, int max_iterations, SolverWorkspace<Real>& workspace);
+                                double tolerance, double floor, int max_iterations,
+                                SolverWorkspace<Real>& workspace);
 
 }  // namespace sulcus

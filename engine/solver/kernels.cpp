@@ -84,7 +84,8 @@ void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q,
         V sum{};
         for (int i = 0; i < 3; ++i) {
           const Real* d = inverse + 3 * i * rows + l;
-          const V out = load<V>(d) * residual[0] + load<V>(d + rows) * residual[1] + load<V>(d + 2 * rows) * residual[2];
+          const V out = load<V>(d) * residual[0] + load<V>(d + rows) * residual[1] +
+                        load<V>(d + 2 * rows) * residual[2];
           store(z + at + i * rows, out);
           sum += residual[i] * out;
         }

@@ -34,16 +34,17 @@ struct Problem {
     std::vector<double> positions = flat_positions(mesh), velocities(positions.size(), 0.0);
     std::vector<double> rotations(4 * mesh.tets.size(), 0.0);
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) rotations[4 * t] = 1;
-    assemble_elements<Real>(elements, sparsity, {0.02, {0, 0.1}}, mesh.rest_positions, positions, velocities, {},
-                            rotations, system);
+    assemble_elements<Real>(elements, sparsity, {0.02, {0, 0.1}}, mesh.rest_positions, positions, velocities,
+                            {}, rotations, system);
     for (const Vec3& x : mesh.rest_positions) free_node.push_back(x[2] > 1e-6);
     finish_rows<Real>(sparsity, free_node, system);
-    matrix = {sparsity.chunks,          sparsity.chunk_start.data(), sparsity.column.data(),
-              system.values.data(),     system.diagonal.data(),      system.inverse.data()};
+    matrix = {sparsity.chunks,      sparsity.chunk_start.data(), sparsity.column.data(),
+              system.values.data(), system.diagonal.data(),      system.inverse.data()};
     workspace = make_solver_workspace<Real>(sparsity, isa, threads);
     std::mt19937_64 random(5);
     for (std::size_t n = 0; n < mesh.rest_positions.size(); ++n) {
-      for (std::size_t d = 0; d < 3; ++d) workspace.b[slot(n, d)] = static_cast<Real>(uniform(random, -1e-4, 1e-4));
+      for (std::size_t d = 0; d < 3; ++d)
+        workspace.b[slot(n, d)] = static_cast<Real>(uniform(random, -1e-4, 1e-4));
     }
     const auto size = static_cast<Eigen::Index>(3 * mesh.rest_positions.size());
     border_dense = Eigen::MatrixXd::Zero(size, 6);
@@ -62,7 +63,8 @@ struct Problem {
     for (std::size_t n = 0; n < mesh.rest_positions.size(); n += 11) {
       if (free_node[n]) nodes.push_back(n);
     }
-    std::sort(nodes.begin(), nodes.end(), [&](std::size_t a, std::size_t b) { return slot(a, 0) < slot(b, 0); });
+    std::sort(nodes.begin(), nodes.end(),
+              [&](std::size_t a, std::size_t b) { return slot(a, 0) < slot(b, 0); });
     for (std::size_t n : nodes) {
       typename ToolBorder<Real>::Row row;
       row.offset = static_cast<std::int64_t>(slot(n, 0));
@@ -89,7 +91,8 @@ struct Problem {
       if (row < 0) continue;
       const std::int64_t chunk = s / 16, l = s % 16;
       const auto add = [&](std::int32_t column, const Real* planes) {
-        for (int k = 0; k < 9; ++k) a(3 * row + k / 3, 3 * column + k % 3) += static_cast<double>(planes[16 * k]);
+        for (int k = 0; k < 9; ++k)
+          a(3 * row + k / 3, 3 * column + k % 3) += static_cast<double>(planes[16 * k]);
       };
       add(row, &system.diagonal[static_cast<std::size_t>(chunk * 144 + l)]);
       for (std::int64_t e = sparsity.chunk_start[static_cast<std::size_t>(chunk)];
@@ -118,7 +121,8 @@ struct Problem {
     double difference = 0;
     for (std::size_t n = 0; n < mesh.rest_positions.size(); ++n) {
       for (std::size_t d = 0; d < 3; ++d) {
-        const double e = static_cast<double>(workspace.x[slot(n, d)]) - expected[static_cast<Eigen::Index>(3 * n + d)];
+        const double e =
+            static_cast<double>(workspace.x[slot(n, d)]) - expected[static_cast<Eigen::Index>(3 * n + d)];
         difference += e * e;
       }
     }
@@ -129,8 +133,8 @@ struct Problem {
 TEST(ConjugateGradients, AgreeWithADenseSolve) {
   for (bool with_tool : {false, true}) {
     Problem<double> problem(with_tool);
-    const SolveResult result = conjugate_gradients(problem.matrix, problem.borders, 1e-12, 0.0, 1000,
-                                                   problem.workspace);
+    const SolveResult result =
+        conjugate_gradients(problem.matrix, problem.borders, 1e-12, 0.0, 1000, problem.workspace);
     EXPECT_TRUE(result.converged);
     EXPECT_LT(problem.error(problem.reference()), 1e-10) << with_tool;
   }
@@ -168,7 +172,8 @@ TEST(ConjugateGradients, HeldNodesStayWhereTheyAre) {
 
 TEST(ConjugateGradients, TheCapIsReported) {
   Problem<double> problem(false);
-  const SolveResult result = conjugate_gradients(problem.matrix, problem.borders, 1e-12, 0.0, 3, problem.workspace);
+  const SolveResult result =
+      conjugate_gradients(problem.matrix, problem.borders, 1e-12, 0.0, 3, problem.workspace);
   EXPECT_EQ(result.iterations, 3);
   EXPECT_FALSE(result.converged);
 }
@@ -176,7 +181,8 @@ TEST(ConjugateGradients, TheCapIsReported) {
 TEST(ConjugateGradients, NothingToDoIsConvergedAtOnce) {
   Problem<double> problem(false);
   std::fill(problem.workspace.b.begin(), problem.workspace.b.end(), 0.0);
-  const SolveResult result = conjugate_gradients(problem.matrix, problem.borders, 1e-3, 0.0, 100, problem.workspace);
+  const SolveResult result =
+      conjugate_gradients(problem.matrix, problem.borders, 1e-3, 0.0, 100, problem.workspace);
   EXPECT_EQ(result.iterations, 0);
   EXPECT_TRUE(result.converged);
 }
@@ -184,7 +190,8 @@ TEST(ConjugateGradients, NothingToDoIsConvergedAtOnce) {
 TEST(ConjugateGradients, NotANumberIsSaidNotSpread) {
   Problem<double> problem(false);
   problem.workspace.b[problem.slot(problem.mesh.rest_positions.size() - 1, 0)] = NAN;
-  const SolveResult result = conjugate_gradients(problem.matrix, problem.borders, 1e-3, 0.0, 100, problem.workspace);
+  const SolveResult result =
+      conjugate_gradients(problem.matrix, problem.borders, 1e-3, 0.0, 100, problem.workspace);
   EXPECT_TRUE(result.broken);
   EXPECT_FALSE(result.converged);
 }

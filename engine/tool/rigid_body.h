@@ -17,7 +17,7 @@ struct ToolSurface {
 };
 
 struct RigidBody {
-  double mass_kg = 0.1;                         // kg, > 0
+  double mass_kg = 0.1;                          // kg, > 0
   Mat3 inertia_kg_m2 = Mat3::Identity() * 5e-4;  // kg m^2, body axes, symmetric positive definite
 };
 

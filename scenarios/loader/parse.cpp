@@ -400,8 +400,10 @@ void read_pictures(const json& object, Scenario& scenario, Problems& problems) {
     if (!names.insert(shot.name).second)
       problems.push_back(pointer + "/name: \"" + shot.name + "\" is taken");
     if (shot.time_s > scenario.duration_s) {
-      problems.push_back(pointer + "/time_s: found " + text_of(shot.time_s) + " s, the run ends at " +
-                         text_of(scenario.duration_s) + " s");
+      // no error, so that a run may be cut short from the command line
+      scenario.warnings.push_back(pointer + "/time_s: found " + text_of(shot.time_s) +
+                                  " s, the run ends at " + text_of(scenario.duration_s) +
+                                  " s: the picture is not taken");
     }
     if (shot_object.contains("camera")) {
       shot.camera = read_camera(shot_object["camera"], pointer + "/camera", problems);

@@ -1,5 +1,5 @@
-// The laws of the house that can be read off files: who includes whom, what the engine links, which instructions and
-// which functions its object code holds.
+// The laws of the house that can be read off files: who includes whom, what the engine links, which
+// instructions and which functions its object code holds.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -38,7 +38,9 @@ std::vector<Include> includes_below(const fs::path& folder) {
   return found;
 }
 
-std::string first_folder(const fs::path& path) { return path.begin()->string(); }
+std::string first_folder(const fs::path& path) {
+  return path.begin()->string();
+}
 
 bool for_tests(const fs::path& file) {
   const std::string name = file.filename();
@@ -57,12 +59,12 @@ std::string run(const std::string& command) {
 }
 
 // A room of the engine includes only rooms to its left; the bars make groups of equals.
-const std::map<std::string, int> engine_order = {{"numerics", 0}, {"volume", 0}, {"device", 0},  {"mesh", 1},
-                                                 {"tool", 1},     {"fem", 2},    {"contact", 2}, {"solver", 3},
-                                                 {"fracture", 3}, {"scene", 4}};
+const std::map<std::string, int> engine_order = {
+    {"numerics", 0}, {"volume", 0},  {"device", 0}, {"mesh", 1},     {"tool", 1},
+    {"fem", 2},      {"contact", 2}, {"solver", 3}, {"fracture", 3}, {"scene", 4}};
 // Of two rooms of one group these may still see each other, in this direction.
-const std::vector<std::pair<std::string, std::string>> engine_extra = {
-    {"volume", "numerics"}, {"device", "numerics"}};
+const std::vector<std::pair<std::string, std::string>> engine_extra = {{"volume", "numerics"},
+                                                                       {"device", "numerics"}};
 
 TEST(House, ArrowsBetweenRoomsRunOneWay) {
   const std::map<std::string, std::vector<std::string>> allowed = {
@@ -92,8 +94,10 @@ TEST(House, RoomsOfTheEngineIncludeOnlyWhatLiesBelowThem) {
     const fs::path name = include.name;
     const std::string to = (++name.begin())->string();
     if (from == to) continue;
-    ASSERT_TRUE(engine_order.contains(from) && engine_order.contains(to)) << include.file << ' ' << include.name;
-    const bool extra = std::find(engine_extra.begin(), engine_extra.end(), std::pair(from, to)) != engine_extra.end();
+    ASSERT_TRUE(engine_order.contains(from) && engine_order.contains(to))
+        << include.file << ' ' << include.name;
+    const bool extra =
+        std::find(engine_extra.begin(), engine_extra.end(), std::pair(from, to)) != engine_extra.end();
     const bool test_meshes = for_tests(include.file) && include.name == "engine/fem/test_meshes.h";
     EXPECT_TRUE(engine_order.at(to) < engine_order.at(from) || extra || test_meshes)
         << include.file << " includes " << include.name;
@@ -102,11 +106,13 @@ TEST(House, RoomsOfTheEngineIncludeOnlyWhatLiesBelowThem) {
 
 TEST(House, TheEngineKnowsNoFileFormatsAndNoPixels) {
   for (const Include& include : includes_below(source / "engine")) {
-    for (const char* foreign : {"nlohmann", "hdf5", "H5", "itk", "CLI", "GL/", "png", "valijson", "xxhash", "ft2build"}) {
+    for (const char* foreign :
+         {"nlohmann", "hdf5", "H5", "itk", "CLI", "GL/", "png", "valijson", "xxhash", "ft2build"}) {
       EXPECT_FALSE(include.name.starts_with(foreign)) << include.file << " includes " << include.name;
     }
-    EXPECT_FALSE(!for_tests(include.file) && (include.name == "random" || include.name == "chrono" ||
-                                              include.name == "unordered_map" || include.name == "unordered_set"))
+    EXPECT_FALSE(!for_tests(include.file) &&
+                 (include.name == "random" || include.name == "chrono" || include.name == "unordered_map" ||
+                  include.name == "unordered_set"))
         << include.file << " includes <" << include.name << ">";
   }
 }
@@ -124,9 +130,11 @@ TEST(House, NoFusedMultiplyAddInTheEnginesObjectCode) {
   ASSERT_GE(libraries.size(), 8u);
   long instructions = 0;
   for (const fs::path& library : libraries) {
-    const std::string count = run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'vf[n]?m(add|sub)'");
+    const std::string count =
+        run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'vf[n]?m(add|sub)'");
     EXPECT_EQ(count, "0\n") << library;
-    instructions += std::atol(run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'mul[ps][sd]'").c_str());
+    instructions += std::atol(
+        run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'mul[ps][sd]'").c_str());
   }
   EXPECT_GT(instructions, 1000) << "the disassembly shows no arithmetic: the check looks at nothing";
 }
@@ -135,10 +143,12 @@ TEST(House, TheEngineCallsNoFunctionOfTheMathLibrary) {
   for (const fs::path& library : engine_libraries()) {
     const std::string symbols = run("nm -u '" + library.string() + "' | awk '{print $2}' | sort -u");
     EXPECT_FALSE(symbols.empty()) << library;
-    for (const char* name : {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "exp2", "expm1", "log",
-                             "log2", "log10", "pow", "cbrt", "hypot", "sinh", "cosh", "tanh", "sincos", "fma"}) {
+    for (const char* name :
+         {"sin",  "cos",   "tan", "asin", "acos",  "atan", "atan2", "exp",  "exp2",   "expm1", "log",
+          "log2", "log10", "pow", "cbrt", "hypot", "sinh", "cosh",  "tanh", "sincos", "fma"}) {
       for (const char* suffix : {"\n", "f\n"}) {
-        EXPECT_EQ(("\n" + symbols).find("\n" + std::string(name) + suffix), std::string::npos) << library << ' ' << name;
+        EXPECT_EQ(("\n" + symbols).find("\n" + std::string(name) + suffix), std::string::npos)
+            << library << ' ' << name;
       }
     }
   }
@@ -153,8 +163,10 @@ TEST(House, NoFloatingPointReductionOrAtomicOfOpenMp) {
       for (const char* word : {"atomic", "critical", "dynamic", "guided", "nowait"}) {
         EXPECT_EQ(line.find(word), std::string::npos) << entry.path() << ": " << line;
       }
-      // sums of whole numbers and boolean operations do not depend on their order; write "reduction(+ : count)"
-      EXPECT_TRUE(line.find("reduction") == std::string::npos || line.find("// whole numbers") != std::string::npos)
+      // sums of whole numbers and boolean operations do not depend on their order; write "reduction(+ :
+      // count)"
+      EXPECT_TRUE(line.find("reduction") == std::string::npos ||
+                  line.find("// whole numbers") != std::string::npos)
           << entry.path() << ": " << line;
     }
   }
@@ -165,7 +177,8 @@ TEST(House, NoFileIsLongerThanAReaderCanHold) {
     for (const auto& entry : fs::recursive_directory_iterator(source / room)) {
       if (entry.path().extension() != ".cpp" && entry.path().extension() != ".h") continue;
       std::ifstream file(entry.path());
-      const auto lines = std::count(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>(), '\n');
+      const auto lines =
+          std::count(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>(), '\n');
       EXPECT_LE(lines, 700) << entry.path();
     }
   }

@@ -1,5 +1,5 @@
-// The sulcus command, one function a subcommand. Each returns the exit code: 0 fine, 1 a check failed. Input that
-// is wrong leaves as InputError (exit code 2), surroundings that failed as EnvironmentError (3).
+// The sulcus command, one function a subcommand. Each returns the exit code: 0 fine, 1 a check failed. Input
+// that is wrong leaves as InputError (exit code 2), surroundings that failed as EnvironmentError (3).
 #pragma once
 
 #include <filesystem>
@@ -9,7 +9,7 @@
 namespace sulcus {
 
 struct RunOptions {
-  std::string scenario;                // file, or the name of one in the scenarios' folder
+  std::string scenario;  // file, or the name of one in the scenarios' folder
   std::filesystem::path out;
   std::vector<std::string> overrides;  // "/json/pointer=value"
   int threads = 0;                     // 0: as many as the machine has

@@ -1,5 +1,5 @@
-// The sulcus command. Exit codes: 0 fine, 1 a check failed, 2 the input is wrong, 3 something in the environment
-// failed.
+// The sulcus command. Exit codes: 0 fine, 1 a check failed, 2 the input is wrong, 3 something in the
+// environment failed.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <new>
@@ -23,7 +23,8 @@ int command_line(int argc, char** argv) {
   run_app->footer("Example: sulcus run cylinder_retraction --out /tmp/run --set /solver/tolerance=1e-5");
   run_app->add_option("SCENARIO", run.scenario, "JSON file, or a name that `sulcus list` shows")->required();
   run_app->add_option("--out", run.out, "folder for run.h5, summary.json and pictures")->required();
-  run_app->add_option("--threads", run.threads, "threads of the engine (default: all)")->check(CLI::Range(1, 256));
+  run_app->add_option("--threads", run.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
   run_app->add_option("--set", run.overrides, "/json/pointer=value, changes the scenario")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -39,7 +40,8 @@ int command_line(int argc, char** argv) {
   verify_app->callback([&] { code = sulcus::verify_command(verify); });
 
   sulcus::VerifyOptions summary;
-  auto* summary_app = app.add_subcommand("summary", "prints the numbers and verdicts of a run as a short table");
+  auto* summary_app =
+      app.add_subcommand("summary", "prints the numbers and verdicts of a run as a short table");
   summary_app->footer("Example: sulcus summary /tmp/run --golden golden");
   summary_app->add_option("DIR", summary.run, "folder of the run")->required();
   summary_app->add_option("--golden", summary.golden, "folder of golden outputs (default: invariants only)");

@@ -66,7 +66,8 @@ std::string vtu_text(const EmbeddingMesh& mesh) {
   const Pieces pieces = mesh_pieces(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size()));
   std::ostringstream out;
   out.precision(9);
-  out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
+  out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" "
+         "byte_order=\"LittleEndian\">\n"
       << "<UnstructuredGrid>\n<Piece NumberOfPoints=\"" << mesh.rest_positions.size() << "\" NumberOfCells=\""
       << mesh.tets.size() << "\">\n<Points>\n";
   write_array(out, "Float64", "position_m", 3, points);
@@ -97,9 +98,10 @@ int mesh_command(const MeshOptions& options) {
   embedding.size_m = options.size_mm * 1e-3;
   const EmbeddingMesh mesh = build_embedding(map, pairs, embedding);
   write_file_atomically(options.out, vtu_text(mesh));
-  std::printf("%s: %zu cells, %zu nodes, %zu tetrahedra, %zu pieces\n", options.out.c_str(), mesh.cell_nodes.size(),
-              mesh.rest_positions.size(), mesh.tets.size(),
-              mesh_pieces(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size())).item_count.size());
+  std::printf(
+      "%s: %zu cells, %zu nodes, %zu tetrahedra, %zu pieces\n", options.out.c_str(), mesh.cell_nodes.size(),
+      mesh.rest_positions.size(), mesh.tets.size(),
+      mesh_pieces(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size())).item_count.size());
   return 0;
 }
 

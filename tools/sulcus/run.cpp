@@ -19,12 +19,15 @@ void prepare_folder(const fs::path& out, bool force) {
     const bool is_run = fs::exists(out / "run.h5") || fs::exists(out / "run.h5.part");
     if (!fs::is_directory(out)) throw InputError(out.string() + " is not a folder; give another --out");
     if (!force && !fs::is_empty(out)) {
-      throw InputError(out.string() + " exists already; give another --out, or --force to replace the run in it");
+      throw InputError(out.string() +
+                       " exists already; give another --out, or --force to replace the run in it");
     }
     if (force && !fs::is_empty(out) && !is_run) {
-      throw InputError(out.string() + " holds no run of Sulcus, so --force does not empty it; give another --out");
+      throw InputError(out.string() +
+                       " holds no run of Sulcus, so --force does not empty it; give another --out");
     }
-    for (const char* name : {"run.h5", "run.h5.part", "summary.json", "junit.xml", "report.html", "pictures"}) {
+    for (const char* name :
+         {"run.h5", "run.h5.part", "summary.json", "junit.xml", "report.html", "pictures"}) {
       fs::remove_all(out / name, error);
     }
   }
@@ -40,8 +43,8 @@ std::vector<DeviceSample> read_devices(std::vector<std::unique_ptr<Device>>& dev
   for (std::size_t d = 0; d < devices.size(); ++d) {
     const DeviceError error = devices[d]->read(time_s, samples[d]);
     if (error == DeviceError::ended) {
-      throw InputError("device " + std::to_string(d) + ": its trajectory has no sample for " + std::to_string(time_s) +
-                       " s; let its last way-point be at or after /time/duration_s");
+      throw InputError("device " + std::to_string(d) + ": its trajectory has no sample for " +
+                       std::to_string(time_s) + " s; let its last way-point be at or after /time/duration_s");
     }
     if (error != DeviceError::none) {
       throw EnvironmentError("device " + std::to_string(d) + ": failed at " + std::to_string(time_s) + " s");
@@ -148,10 +151,12 @@ int run_command(const RunOptions& options) {
       step(scene, samples, state, report, *workspace, &clock);
       writer.write_step(samples, report, state, clock.seconds(), clock.total());
       for (std::size_t t = 0; t < devices.size(); ++t) {
-        devices[t]->write({report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
+        devices[t]->write(
+            {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
       }
       if (!report.finite) {
-        writer.add_event(n, "the state is no longer finite, or the matrix was not positive definite; stopped");
+        writer.add_event(n,
+                         "the state is no longer finite, or the matrix was not positive definite; stopped");
         std::fprintf(stderr, "%s: step %lld: the state is no longer finite; the run stops here\n",
                      scenario.name.c_str(), static_cast<long long>(n));
         break;
@@ -168,8 +173,9 @@ int run_command(const RunOptions& options) {
   if (options.pictures) render_shots(scenario, scene, shots.frames(), options.out / "pictures");
   const RunData run = read_run(options.out / "run.h5");
   write_summary(options.out / "summary.json", run, check_run(run, options.out, {}));
-  std::printf("%s: %lld steps, fingerprint %s, in %s\n", scenario.name.c_str(), static_cast<long long>(run.steps),
-              hex16(run.fingerprint()).c_str(), options.out.string().c_str());
+  std::printf("%s: %lld steps, fingerprint %s, in %s\n", scenario.name.c_str(),
+              static_cast<long long>(run.steps), hex16(run.fingerprint()).c_str(),
+              options.out.string().c_str());
   return 0;
 }
 
@@ -182,13 +188,15 @@ int replay_command(const ReplayOptions& options) {
   const std::size_t fields = run.field_names.size();
 
   if (scene.settings.tools.size() != tools || scene.node_count() != run.header.node_count()) {
-    throw InputError(options.recording.string() +
-                     ": the scenario in it gives another mesh or other tools than the recording has; was its label map "
-                     "changed?");
+    throw InputError(
+        options.recording.string() +
+        ": the scenario in it gives another mesh or other tools than the recording has; was its label map "
+        "changed?");
   }
   // the tools start where the recorded run's did: the first frame is the state before the first step
   if (run.frames.empty() || run.frames.front().step != 0) {
-    throw InputError(options.recording.string() + ": it holds no frame of the start, so it cannot be run again");
+    throw InputError(options.recording.string() +
+                     ": it holds no frame of the start, so it cannot be run again");
   }
   std::vector<DeviceSample> start(tools);
   for (std::size_t t = 0; t < tools; ++t) {
@@ -216,7 +224,8 @@ int replay_command(const ReplayOptions& options) {
   if (!compare(0)) return 1;
   Progress progress(run.header.scenario_name + ": replay", run.steps);
   for (std::int64_t n = 0; n < run.steps; ++n) {
-    const std::span<const DeviceSample> samples(run.samples.data() + static_cast<std::size_t>(n) * tools, tools);
+    const std::span<const DeviceSample> samples(run.samples.data() + static_cast<std::size_t>(n) * tools,
+                                                tools);
     step(scene, samples, state, report, *workspace);
     if (!compare(n + 1)) return 1;
     progress.at(n + 1);

@@ -23,8 +23,8 @@ void render_shots(const Scenario& scenario, const Scene& scene, const std::vecto
     picture.surface_positions = positions;
     for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
       const RigidBodyState tool = tool_state(state, t);
-      picture.tools.push_back({&scene.settings.tools[t].surface, tool.position, tool.orientation, Vec3::Zero(),
-                               Vec3::Zero()});
+      picture.tools.push_back(
+          {&scene.settings.tools[t].surface, tool.position, tool.orientation, Vec3::Zero(), Vec3::Zero()});
     }
     picture.label_colours.insert(scenario.label_colours.begin(), scenario.label_colours.end());
     if (shot.show == ShotContent::max_principal_stress) {
@@ -33,7 +33,8 @@ void render_shots(const Scenario& scenario, const Scene& scene, const std::vecto
       picture.tet_values = stress;
       picture.bar = {"largest principal stress", "Pa", 0, 0, ColourMap::ember};
     }
-    picture.camera = Camera{shot.camera.eye_m, shot.camera.target_m, shot.camera.up, shot.camera.field_of_view_deg};
+    picture.camera =
+        Camera{shot.camera.eye_m, shot.camera.target_m, shot.camera.up, shot.camera.field_of_view_deg};
     picture.width = scenario.pictures.width;
     picture.height = scenario.pictures.height;
     char time[32];

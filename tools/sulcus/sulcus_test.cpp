@@ -1,5 +1,6 @@
 // The command as a user meets it: whole runs, and what is said of wrong input.
 #include <gtest/gtest.h>
+#include <hdf5.h>
 #include <sys/mount.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -9,7 +10,11 @@
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <vector>
 
+#include "verify/recording.h"
+
+namespace sulcus {
 namespace {
 namespace fs = std::filesystem;
 
@@ -21,10 +26,10 @@ struct Result {
   std::string output;  // standard output and error
 };
 
-Result sulcus(const std::string& arguments) {
+Result command(const std::string& arguments) {
   Result result;
-  const std::string command = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
-  FILE* pipe = popen(command.c_str(), "r");
+  const std::string line = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
+  FILE* pipe = popen(line.c_str(), "r");
   if (pipe == nullptr) return result;
   char buffer[4096];
   for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
@@ -33,7 +38,9 @@ Result sulcus(const std::string& arguments) {
   return result;
 }
 
-bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 std::string read(const fs::path& path) {
   std::ifstream file(path);
@@ -60,7 +67,7 @@ class Command : public testing::Test {
 
   // A run that is refused says why in one line, with this in it, and leaves nothing behind.
   void expect_refused(const std::string& arguments, int code, const std::string& says) {
-    const Result result = sulcus("run " + arguments + " --out " + out("refused"));
+    const Result result = command("run " + arguments + " --out " + out("refused"));
     EXPECT_EQ(result.code, code) << arguments << '\n' << result.output;
     EXPECT_TRUE(contains(result.output, "error: ")) << result.output;
     EXPECT_TRUE(contains(result.output, says)) << result.output;
@@ -74,30 +81,55 @@ class Command : public testing::Test {
 // ---- whole runs
 
 TEST_F(Command, CylinderRunsVerifiesReplaysAndReports) {
-  const Result run = sulcus("run cylinder_retraction --out " + out("run"));
+  const Result run = command("run cylinder_retraction --out " + out("run"));
   ASSERT_EQ(run.code, 0) << run.output;
-  const Result verify = sulcus("verify " + out("run") + " --golden '" + (source / "golden").string() + "'");
+  const Result verify = command("verify " + out("run") + " --golden '" + (source / "golden").string() + "'");
   EXPECT_EQ(verify.code, 0) << verify.output;
   EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
-  EXPECT_TRUE(contains(verify.output, "golden/02_open.png") || contains(verify.output, ".png")) << verify.output;
+  EXPECT_TRUE(contains(verify.output, "golden/02_open.png") || contains(verify.output, ".png"))
+      << verify.output;
   EXPECT_TRUE(fs::exists(folder / "run" / "junit.xml"));
   for (int threads : {1, 2, 3}) {
-    const Result replay = sulcus("replay " + out("run/run.h5") + " --threads " + std::to_string(threads));
+    const Result replay = command("replay " + out("run/run.h5") + " --threads " + std::to_string(threads));
     EXPECT_EQ(replay.code, 0) << replay.output;
     EXPECT_TRUE(contains(replay.output, "SAME")) << replay.output;
   }
-  const Result report = sulcus("report " + out("run") + " --out " + out("report.html"));
+  const Result report = command("report " + out("run") + " --out " + out("report.html"));
   EXPECT_EQ(report.code, 0) << report.output;
   EXPECT_TRUE(contains(read(folder / "report.html"), "penetration"));
-  const Result again = sulcus("run cylinder_retraction --out " + out("run"));
+  const Result again = command("run cylinder_retraction --out " + out("run"));
   EXPECT_EQ(again.code, 2) << "an existing folder must be refused";
   EXPECT_TRUE(contains(again.output, "--force")) << again.output;
 }
 
 TEST_F(Command, ReplayNamesTheFirstDifference) {
-  ASSERT_EQ(sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=1 --out " + out("a")).code, 0);
-  // the same samples in a stiffer tissue: as if the engine had changed
-  const Result verify = sulcus("verify " + out("a") + " --golden '" + (source / "golden").string() + "'");
+  ASSERT_EQ(
+      command("run cylinder_retraction --no-pictures --set /time/duration_s=3.3 --out " + out("run")).code,
+      0);
+  // the hand a nanometre aside at one step: as if the engine had changed there
+  const std::string path = out("run/run.h5");
+  {
+    const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+    const hid_t data = H5Dopen(file, "/device/0/position_m", H5P_DEFAULT);
+    ASSERT_GE(data, 0);
+    std::vector<double> positions(300);
+    ASSERT_GE(H5Dread(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
+    positions[3 * 70] += 1e-9;
+    ASSERT_GE(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
+    H5Dclose(data);
+    H5Fclose(file);
+  }
+  seal_recording(path);
+  const Result replay = command("replay " + path);
+  EXPECT_EQ(replay.code, 1) << replay.output;
+  EXPECT_TRUE(contains(replay.output, "DIFFERS after 71 of 100 steps")) << replay.output;
+  EXPECT_TRUE(contains(replay.output, "tool_poses")) << replay.output;
+}
+
+TEST_F(Command, AShorterRunIsNotTheGoldenOne) {
+  ASSERT_EQ(
+      command("run cylinder_retraction --no-pictures --set /time/duration_s=1 --out " + out("run")).code, 0);
+  const Result verify = command("verify " + out("run") + " --golden '" + (source / "golden").string() + "'");
   EXPECT_EQ(verify.code, 1) << verify.output;
   EXPECT_TRUE(contains(verify.output, "FAIL  golden/steps")) << verify.output;
 }
@@ -108,8 +140,8 @@ TEST_F(Command, BrainGivesTheSameFingerprintWithOneThreadTwoThreadsAndTwiceInARo
   int number = 0;
   for (int threads : {1, 2, 2}) {
     const std::string name = "run" + std::to_string(number++);
-    const Result run = sulcus("run brain_sylvian_retraction --no-pictures --threads " + std::to_string(threads) +
-                              " --out " + out(name));
+    const Result run = command("run brain_sylvian_retraction --no-pictures --threads " +
+                               std::to_string(threads) + " --out " + out(name));
     ASSERT_EQ(run.code, 0) << run.output;
     const std::string fingerprint = fingerprint_of(folder / name);
     ASSERT_EQ(fingerprint.size(), 16u);
@@ -122,14 +154,15 @@ TEST_F(Command, BrainGivesTheSameFingerprintWithOneThreadTwoThreadsAndTwiceInARo
 TEST_F(Command, MeshIsAVtkFileWithThePiecesApart) {
   std::ofstream(folder / "pairs.txt") << "# a comment\n[heading]\n35 23  # a pair\n";
   if (!fs::exists(brain_map)) GTEST_SKIP() << brain_map << " is missing: install the package mricron-data";
-  const Result mesh = sulcus(std::string("mesh ") + brain_map + " --size-mm 15 --pairs " + out("pairs.txt") + " --out " +
-                             out("mesh.vtu"));
+  const Result mesh = command(std::string("mesh ") + brain_map + " --size-mm 15 --pairs " + out("pairs.txt") +
+                              " --out " + out("mesh.vtu"));
   ASSERT_EQ(mesh.code, 0) << mesh.output;
   const std::string text = read(folder / "mesh.vtu");
   EXPECT_TRUE(contains(text, "<VTKFile type=\"UnstructuredGrid\""));
   EXPECT_TRUE(contains(text, "</VTKFile>"));
   std::ofstream(folder / "bad.txt") << "35 23\n35 twenty\n";
-  const Result bad = sulcus(std::string("mesh ") + brain_map + " --pairs " + out("bad.txt") + " --out " + out("m.vtu"));
+  const Result bad =
+      command(std::string("mesh ") + brain_map + " --pairs " + out("bad.txt") + " --out " + out("m.vtu"));
   EXPECT_EQ(bad.code, 2);
   EXPECT_TRUE(contains(bad.output, "bad.txt:2")) << bad.output;
   EXPECT_FALSE(fs::exists(folder / "m.vtu"));
@@ -138,16 +171,16 @@ TEST_F(Command, MeshIsAVtkFileWithThePiecesApart) {
 // ---- help
 
 TEST_F(Command, EveryCommandHasHelpWithAnExample) {
-  for (const char* command : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary"}) {
-    const Result help = sulcus(std::string(command) + " --help");
-    EXPECT_EQ(help.code, 0) << command;
-    EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + command)) << help.output;
+  for (const char* name : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary"}) {
+    const Result help = command(std::string(name) + " --help");
+    EXPECT_EQ(help.code, 0) << name;
+    EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + name)) << help.output;
   }
-  EXPECT_TRUE(contains(sulcus("--help").output, "Exit codes"));
+  EXPECT_TRUE(contains(command("--help").output, "Exit codes"));
 }
 
 TEST_F(Command, ListShowsTheScenarios) {
-  const Result list = sulcus("list");
+  const Result list = command("list");
   EXPECT_EQ(list.code, 0);
   EXPECT_TRUE(contains(list.output, "brain_sylvian_retraction")) << list.output;
   EXPECT_TRUE(contains(list.output, "cylinder_retraction")) << list.output;
@@ -156,13 +189,13 @@ TEST_F(Command, ListShowsTheScenarios) {
 // ---- wrong input
 
 TEST_F(Command, NonsenseOnTheCommandLineIsRefused) {
-  EXPECT_EQ(sulcus("").code, 2);
-  EXPECT_EQ(sulcus("fly").code, 2);
-  EXPECT_EQ(sulcus("run").code, 2);
-  EXPECT_EQ(sulcus("run cylinder_retraction --threads 0 --out " + out("x")).code, 2);
-  EXPECT_EQ(sulcus("verify " + out("nothing")).code, 2);
-  EXPECT_EQ(sulcus("replay " + out("nothing")).code, 2);
-  EXPECT_EQ(sulcus("mesh " + out("nothing") + " --out " + out("x.vtu")).code, 2);
+  EXPECT_EQ(command("").code, 2);
+  EXPECT_EQ(command("fly").code, 2);
+  EXPECT_EQ(command("run").code, 2);
+  EXPECT_EQ(command("run cylinder_retraction --threads 0 --out " + out("x")).code, 2);
+  EXPECT_EQ(command("verify " + out("nothing")).code, 2);
+  EXPECT_EQ(command("replay " + out("nothing")).code, 2);
+  EXPECT_EQ(command("mesh " + out("nothing") + " --out " + out("x.vtu")).code, 2);
 }
 
 TEST_F(Command, WrongScenariosAreRefused) {
@@ -183,14 +216,16 @@ TEST_F(Command, WrongScenariosAreRefused) {
 }
 
 TEST_F(Command, PairsOfAbsentLabelsAreAWarning) {
-  const Result run = sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=0.2 "
-                            "--set /separation_pairs='[[2,3],[7,8]]' --out " + out("run"));
+  const Result run = command(
+      "run cylinder_retraction --no-pictures --set /time/duration_s=0.2 "
+      "--set /separation_pairs='[[2,3],[7,8]]' --out " +
+      out("run"));
   EXPECT_EQ(run.code, 0) << run.output;
   EXPECT_TRUE(contains(run.output, "warning: ")) << run.output;
 }
 
 TEST_F(Command, PlacesThatCannotBeWrittenToAreSaid) {
-  const Result run = sulcus("run cylinder_retraction --no-pictures --out /proc/sulcus");
+  const Result run = command("run cylinder_retraction --no-pictures --out /proc/sulcus");
   EXPECT_EQ(run.code, 3) << run.output;
   EXPECT_TRUE(contains(run.output, "/proc/sulcus")) << run.output;
 }
@@ -198,8 +233,9 @@ TEST_F(Command, PlacesThatCannotBeWrittenToAreSaid) {
 TEST_F(Command, AFullDiskIsSaidAndLeavesNoFinishedRecording) {
   const fs::path disk = folder / "disk";
   fs::create_directories(disk);
-  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=200k") != 0) GTEST_SKIP() << "no right to mount a small disk";
-  const Result run = sulcus("run cylinder_retraction --no-pictures --out " + (disk / "run").string());
+  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=200k") != 0)
+    GTEST_SKIP() << "no right to mount a small disk";
+  const Result run = command("run cylinder_retraction --no-pictures --out " + (disk / "run").string());
   EXPECT_EQ(run.code, 3) << run.output;
   EXPECT_TRUE(contains(run.output, "error: ")) << run.output;
   EXPECT_FALSE(fs::exists(disk / "run" / "run.h5"));
@@ -209,19 +245,22 @@ TEST_F(Command, AFullDiskIsSaidAndLeavesNoFinishedRecording) {
 TEST_F(Command, ForceDoesNotEmptyAFolderThatIsNoRun) {
   fs::create_directories(folder / "precious");
   std::ofstream(folder / "precious" / "thesis.txt") << "years of work";
-  const Result run = sulcus("run cylinder_retraction --force --out " + out("precious"));
+  const Result run = command("run cylinder_retraction --force --out " + out("precious"));
   EXPECT_EQ(run.code, 2) << run.output;
   EXPECT_TRUE(fs::exists(folder / "precious" / "thesis.txt"));
 }
 
 TEST_F(Command, ADamagedRecordingIsRefused) {
-  ASSERT_EQ(sulcus("run cylinder_retraction --no-pictures --set /time/duration_s=0.2 --out " + out("run")).code, 0);
+  ASSERT_EQ(
+      command("run cylinder_retraction --no-pictures --set /time/duration_s=0.2 --out " + out("run")).code,
+      0);
   fs::resize_file(folder / "run" / "run.h5", fs::file_size(folder / "run" / "run.h5") / 2);
-  for (const char* command : {"verify ", "report "}) {
-    const Result result = sulcus(command + out("run"));
+  for (const char* name : {"verify ", "report "}) {
+    const Result result = command(name + out("run"));
     EXPECT_EQ(result.code, 2) << result.output;
     EXPECT_TRUE(contains(result.output, "run.h5")) << result.output;
   }
 }
 
 }  // namespace
+}  // namespace sulcus

@@ -1,6 +1,9 @@
 #include "tools/sulcus/support.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdio>
 #include <thread>
 
@@ -72,7 +75,23 @@ double peak(const Series* series) {
   return largest;
 }
 
-// That the run shows what it is about: the tool presses, the tissue moves.
+// Elements of a recorded frame whose volume is not positive.
+std::int64_t inverted_elements(const RunHeader& mesh, const Frame& frame) {
+  std::int64_t inverted = 0;
+  for (std::size_t t = 0; t < mesh.tets.size(); t += 4) {
+    if (!frame.alive[t / 4]) continue;
+    std::array<Vec3, 4> x;
+    for (std::size_t c = 0; c < 4; ++c) {
+      const auto n = static_cast<std::size_t>(mesh.tets[t + c]);
+      x[c] = {frame.positions[3 * n], frame.positions[3 * n + 1], frame.positions[3 * n + 2]};
+    }
+    if (!((x[1] - x[0]).dot((x[2] - x[0]).cross(x[3] - x[0])) > 0)) ++inverted;
+  }
+  return inverted;
+}
+
+// The bounds that a scenario sets for itself: that the run shows what it is about, and how well it was
+// solved.
 void check_peaks(const RunData& run, const Scenario& scenario, std::vector<Check>& checks) {
   if (scenario.checks.min_peak_force_N) {
     double force = 0;
@@ -83,15 +102,28 @@ void check_peaks(const RunData& run, const Scenario& scenario, std::vector<Check
                                     run.steps, "largest displayed force of the run"));
   }
   if (scenario.checks.min_peak_displacement_m) {
-    checks.push_back(check_at_least("peak_displacement", "statement", peak(run.find("tissue/max_displacement_m")),
-                                    *scenario.checks.min_peak_displacement_m, "m", run.steps,
-                                    "largest displacement of a node"));
+    checks.push_back(check_at_least(
+        "peak_displacement", "statement", peak(run.find("tissue/max_displacement_m")),
+        *scenario.checks.min_peak_displacement_m, "m", run.steps, "largest displacement of a node"));
+  }
+  if (scenario.checks.max_residual) {
+    checks.push_back(check_at_most("residual", "statement", peak(run.find("solver/residual")),
+                                   *scenario.checks.max_residual, "", run.steps,
+                                   "largest relative residual"));
+  }
+  if (scenario.checks.max_inverted_elements) {
+    std::int64_t most = 0;
+    for (const Frame& frame : run.frames) most = std::max(most, inverted_elements(run.header, frame));
+    checks.push_back(check_at_most("inverted_in_frames", "statement", static_cast<double>(most),
+                                   static_cast<double>(*scenario.checks.max_inverted_elements), "",
+                                   static_cast<std::int64_t>(run.frames.size()),
+                                   "most inverted elements of a frame"));
   }
 }
 
 void check_pictures(const fs::path& run_dir, const fs::path& golden, const GoldenSettings& settings,
                     std::vector<Check>& checks) {
-  if (!fs::is_directory(golden)) return;  // compare_golden has said so
+  if (!fs::is_directory(golden)) return;   // compare_golden has said so
   constexpr double just_noticeable = 2.3;  // CIELAB distance
   std::vector<fs::path> files;
   for (const auto& entry : fs::directory_iterator(golden)) {
@@ -111,7 +143,8 @@ void check_pictures(const fs::path& run_dir, const fs::path& golden, const Golde
       continue;
     }
     const PictureDifference difference = compare_pictures(expected, found, 2 * just_noticeable);
-    checks.push_back(check_at_most(name, "values", difference.differing_fraction, 1 - settings.picture_conformity, "",
+    checks.push_back(check_at_most(name, "values", difference.differing_fraction,
+                                   1 - settings.picture_conformity, "",
                                    static_cast<std::int64_t>(expected.width) * expected.height,
                                    "share of pixels that an eye tells apart"));
   }

@@ -19,8 +19,8 @@ int threads_or_all(int threads);  // threads, or all that the machine has for 0
 std::map<std::string, std::string> build_provenance();
 std::filesystem::path find_scenario(const std::string& name_or_path);
 
-// Statements, and golden comparison (values, bits, pictures) if `golden` is not empty: a folder with golden.json, or
-// with <scenario>/golden.json.
+// Statements, and golden comparison (values, bits, pictures) if `golden` is not empty: a folder with
+// golden.json, or with <scenario>/golden.json.
 std::vector<Check> check_run(const RunData& run, const std::filesystem::path& run_dir,
                              const std::filesystem::path& golden);
 std::filesystem::path golden_folder(const std::filesystem::path& golden, const std::string& scenario);

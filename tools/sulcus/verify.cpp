@@ -33,20 +33,22 @@ int summary_command(const fs::path& dir, const fs::path& golden) {
   std::printf("%-16s %s\n", "scenario", summary.name.c_str());
   std::printf("%-16s %.0f cells, %lld nodes, %lld tetrahedra\n", "mesh", number("cells"),
               static_cast<long long>(summary.nodes), static_cast<long long>(summary.tets));
-  std::printf("%-16s %lld of %g s on %d threads\n", "steps", static_cast<long long>(summary.steps), summary.step_s,
-              summary.threads);
+  std::printf("%-16s %lld of %g s on %d threads\n", "steps", static_cast<long long>(summary.steps),
+              summary.step_s, summary.threads);
   std::printf("%-16s median %.2f ms, 95 %% within %.2f ms\n", "time per step", 1e3 * summary.total.median_s,
               1e3 * summary.total.p95_s);
   std::printf("%-16s median %.0f, at most %.0f a step\n", "iterations", summary.median_iterations,
               summary.max_iterations);
-  std::printf("%-16s median %.1e, at most %.1e of the velocity increment (%lld steps measured)\n", "solver error",
-              summary.median_solver_error, summary.max_solver_error,
+  std::printf("%-16s median %.1e, at most %.1e of the velocity increment (%lld steps measured)\n",
+              "solver error", summary.median_solver_error, summary.max_solver_error,
               static_cast<long long>(summary.solver_errors_measured));
   for (const ToolSummary& tool : summary.tools) {
     std::printf("%-16s at most %.3f N shown, %.2f mm penetration, %lld contacts\n", tool.name.c_str(),
-                tool.max_displayed_force_N, 1e3 * tool.max_penetration_m, static_cast<long long>(tool.max_contacts));
+                tool.max_displayed_force_N, 1e3 * tool.max_penetration_m,
+                static_cast<long long>(tool.max_contacts));
   }
-  for (const Check& check : checks) std::printf("%-16s %s\n", check.passed ? "holds" : "BROKEN", check.name.c_str());
+  for (const Check& check : checks)
+    std::printf("%-16s %s\n", check.passed ? "holds" : "BROKEN", check.name.c_str());
   std::printf("%-16s %s\n", "fingerprint", hex16(summary.fingerprint).c_str());
   std::printf("%-16s %s\n", "verdict", all_passed(checks) ? "everything holds" : "NOT everything holds");
   return all_passed(checks) ? 0 : 1;

@@ -1,0 +1,316 @@
+#include "engine/scene/system.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace sulcus {
+namespace {
+
+using Mat36 = Eigen::Matrix<double, 3, 6>;
+
+Mat3 skew(const Vec3& u) {
+  Mat3 m;
+  m << 0, -u[2], u[1], u[2], 0, -u[0], -u[1], u[0], 0;
+  return m;
+}
+
+Mat3 response(const ContactLaw& law, const Vec3& normal) {
+  return law.anisotropy * Mat3::Identity() + (1 - law.anisotropy) * (normal * normal.transpose());
+}
+
+// Velocity of the tool's vertex minus that of the tissue's surface point.
+Vec3 gap_velocity(const Contact& contact, const EmbeddingMesh& mesh, std::span<const double> velocities,
+                  const Vec6& tool) {
+  Vec3 rate = tool.head<3>() + tool.tail<3>().cross(contact.arm);
+  const auto& nodes = mesh.tets[static_cast<std::size_t>(contact.tet)];
+  for (std::size_t c = 0; c < 4; ++c) rate -= contact.weights[c] * node_vector(velocities, nodes[c]);
+  return rate;
+}
+
+// The tool's own part of the system: inertia, virtual coupling, and the lever term of the contact forces.
+void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& state, std::size_t t,
+                   Workspace& workspace) {
+  const double h = scene.settings.step_s;
+  const VirtualCoupling& coupling = scene.settings.tools[t].coupling;
+  const RigidBody& body = scene.settings.tools[t].body;
+  const ContactLaw& law = scene.settings.contact;
+  ToolSystem& tool = workspace.tools[t];
+  tool.start = tool_state(state, t);
+  tool.inertia = world_inertia(body, tool.start.orientation);
+  tool.velocity << linear_velocity(body, tool.start), angular_velocity(body, tool.start);
+  tool.misalignment = misalignment(sample.orientation, tool.start.orientation);
+  tool.stiffness = misalignment_stiffness(tool.misalignment);
+
+  const Vec3 hand_velocity = sample.linear_velocity_valid ? sample.linear_velocity : Vec3(Vec3::Zero());
+  const Vec3 hand_rotation = sample.angular_velocity_valid ? sample.angular_velocity : Vec3(Vec3::Zero());
+  const double linear = body.mass_kg + h * coupling.damping_N_s_m + h * h * coupling.stiffness_N_m;
+  const Mat3 angular = tool.inertia + h * coupling.rotational_damping_N_m_s_rad * Mat3::Identity() +
+                       h * h * coupling.rotational_stiffness_N_m_rad * tool.stiffness;
+
+  // signed symmetric lever term G; left out where it would cost the block its definiteness
+  Mat3 lever = Mat3::Zero();
+  for (const Contact& contact : workspace.contacts) {
+    if (contact.tool != static_cast<std::int32_t>(t)) continue;
+    const Vec3 force = -law.stiffness_N_m * (response(law, contact.normal) * contact.gap);
+    lever += 0.5 * (contact.arm * force.transpose() + force * contact.arm.transpose()) -
+             force.dot(contact.arm) * Mat3::Identity();
+  }
+  const Mat3 with_lever = angular - h * h * lever;
+  const bool definite = with_lever(0, 0) > 0 &&
+                        with_lever(0, 0) * with_lever(1, 1) - with_lever(0, 1) * with_lever(1, 0) > 0 &&
+                        with_lever.determinant() > 0;
+
+  tool.matrix.setZero();
+  tool.matrix.topLeftCorner<3, 3>() = linear * Mat3::Identity();
+  tool.matrix.bottomRightCorner<3, 3>() = definite ? with_lever : angular;
+  tool.right_hand_side.head<3>() =
+      tool.start.linear_momentum + h * (coupling.stiffness_N_m * (sample.position - tool.start.position) +
+                                        coupling.damping_N_s_m * hand_velocity);
+  tool.right_hand_side.tail<3>() =
+      tool.start.angular_momentum + h * (coupling.rotational_stiffness_N_m_rad * tool.misalignment +
+                                         coupling.rotational_damping_N_m_s_rad * hand_rotation);
+  tool.right_hand_side -= tool.matrix * tool.velocity;
+}
+
+// Adds the contacts to matrix, tool blocks, borders and right-hand sides.
+template <class Real>
+void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& numbers, Workspace& workspace) {
+  const double h = scene.settings.step_s;
+  const ContactLaw& law = scene.settings.contact;
+  const double weight = h * (law.damping_N_s_m + h * law.stiffness_N_m);
+  static constexpr int corner_pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+
+  for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
+    ToolSystem& tool = workspace.tools[t];
+    auto& rows = numbers.borders[t].rows;
+    workspace.touched.clear();
+    rows.clear();
+    for (const Contact& contact : workspace.contacts) {
+      if (contact.tool != static_cast<std::int32_t>(t)) continue;
+      for (std::int32_t node : scene.mesh.tets[static_cast<std::size_t>(contact.tet)]) {
+        std::int32_t& row = workspace.row_of_node[static_cast<std::size_t>(node)];
+        if (row < 0 && scene.free_node[static_cast<std::size_t>(node)]) {
+          row = 0;
+          workspace.touched.push_back(node);
+        }
+      }
+    }
+    const auto slot = [&](std::int32_t node) {
+      return scene.sparsity.slot_of_node[static_cast<std::size_t>(node)];
+    };
+    std::sort(workspace.touched.begin(), workspace.touched.end(),
+              [&](std::int32_t a, std::int32_t b) { return slot(a) < slot(b); });
+    for (std::size_t r = 0; r < workspace.touched.size(); ++r) {
+      const std::int32_t node = workspace.touched[r];
+      workspace.row_of_node[static_cast<std::size_t>(node)] = static_cast<std::int32_t>(r);
+      typename ToolBorder<Real>::Row row;
+      row.chunk = slot(node) / 16;
+      row.offset = row.chunk * 48 + slot(node) % 16;
+      rows.push_back(row);
+    }
+
+    for (const Contact& contact : workspace.contacts) {
+      if (contact.tool != static_cast<std::int32_t>(t)) continue;
+      const Mat3 n = response(law, contact.normal);
+      Mat36 jacobian;  // of the vertex' velocity by the tool's
+      jacobian << Mat3::Identity(), -skew(contact.arm);
+      const Vec3 push = n * (h * law.stiffness_N_m * contact.gap +
+                             weight * gap_velocity(contact, scene.mesh, state.velocities, tool.velocity));
+      tool.matrix += weight * (jacobian.transpose() * (n * jacobian));
+      tool.right_hand_side -= jacobian.transpose() * push;
+
+      const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
+      for (std::size_t c = 0; c < 4; ++c) {
+        const auto node = static_cast<std::size_t>(nodes[c]);
+        for (std::size_t d = 0; d < 3; ++d) {
+          workspace.forces[3 * node + d] += contact.weights[c] * push[static_cast<Eigen::Index>(d)];
+        }
+        Real* terms = &numbers.system.node_terms[16 * node];
+        for (int i = 0; i < 3; ++i) {
+          for (int j = 0; j < 3; ++j)
+            terms[3 * i + j] += static_cast<Real>(weight * contact.weights[c] * n(i, j));
+        }
+        if (workspace.row_of_node[node] < 0) continue;
+        auto& b = rows[static_cast<std::size_t>(workspace.row_of_node[node])].b;
+        const Mat36 block = (-weight * contact.weights[c]) * (n * jacobian);
+        for (int i = 0; i < 3; ++i) {
+          for (int j = 0; j < 6; ++j)
+            b[static_cast<std::size_t>(6 * i + j)] += static_cast<Real>(block(i, j));
+        }
+      }
+      for (std::size_t k = 0; k < 6; ++k) {
+        const double scale = weight * contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
+                             contact.weights[static_cast<std::size_t>(corner_pairs[k][1])];
+        add_edge_block(numbers.system,
+                       scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k], scale * n);
+      }
+    }
+    for (std::int32_t node : workspace.touched) workspace.row_of_node[static_cast<std::size_t>(node)] = -1;
+  }
+}
+
+// Matrix of the tissue without contacts; workspace.forces becomes its right-hand side, impulses [N s].
+template <class Real>
+void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, Workspace& workspace) {
+  const double h = scene.settings.step_s;
+  const StepCoefficients coefficients{h, scene.settings.damping};
+  assemble_elements<Real>(scene.elements, scene.sparsity, coefficients, scene.mesh.rest_positions,
+                          state.positions, state.velocities, {}, state.rotations, numbers.system);
+  elastic_forces<Real>(scene.elements, numbers.system, workspace.forces);
+  const double alpha = scene.settings.damping.alpha_1_s;
+  const Vec3& gravity = scene.settings.gravity;
+  const std::int64_t count = scene.node_count();
+#pragma omp parallel for num_threads(workspace.threads) schedule(static)
+  for (std::int64_t i = 0; i < count; ++i) {
+    const auto n = static_cast<std::size_t>(i);
+    const double mass = scene.elements.node_mass[n];
+    for (std::size_t d = 0; d < 3; ++d) {
+      workspace.forces[3 * n + d] =
+          h * (mass * (gravity[static_cast<Eigen::Index>(d)] - alpha * state.velocities[3 * n + d]) -
+               workspace.forces[3 * n + d]);
+    }
+  }
+  for (const NodeSpring& spring : scene.settings.springs) {
+    const auto n = static_cast<std::size_t>(spring.node);
+    const double weight = h * (spring.damping_N_s_m + h * spring.stiffness_N_m);
+    for (std::size_t d = 0; d < 3; ++d) {
+      const double stretch =
+          state.positions[3 * n + d] - scene.mesh.rest_positions[n][static_cast<Eigen::Index>(d)];
+      workspace.forces[3 * n + d] -=
+          h * spring.stiffness_N_m * stretch + weight * state.velocities[3 * n + d];
+      numbers.system.node_terms[16 * n + 4 * d] += static_cast<Real>(weight);
+    }
+  }
+}
+
+template <class Real>
+SolveResult solve(const Scene& scene, double tolerance, double floor_m_s, Numbers<Real>& numbers,
+                  Workspace& workspace) {
+  // eliminate the tools: b - B C^-1 c
+  auto& solver = numbers.solver;
+  const std::int64_t slots = scene.sparsity.chunks * 16;
+#pragma omp parallel for num_threads(workspace.threads) schedule(static)
+  for (std::int64_t slot = 0; slot < slots; ++slot) {
+    const std::int32_t node = scene.sparsity.node_of_slot[static_cast<std::size_t>(slot)];
+    for (std::int64_t d = 0; d < 3; ++d) {
+      solver.b[static_cast<std::size_t>((slot / 16 * 3 + d) * 16 + slot % 16)] =
+          node < 0 ? Real(0) : static_cast<Real>(workspace.forces[static_cast<std::size_t>(3 * node + d)]);
+    }
+  }
+  std::array<Vec6, 8> first;  // C^-1 c, a tool
+  assert(workspace.tools.size() <= first.size());
+  for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
+    const Mat6 inverse = workspace.tools[t].matrix.llt().solve(Mat6::Identity());
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j < 6; ++j)
+        numbers.borders[t].inverse[static_cast<std::size_t>(6 * i + j)] = inverse(i, j);
+    }
+    first[t] = inverse * workspace.tools[t].right_hand_side;
+    for (const auto& row : numbers.borders[t].rows) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        double sum = 0;
+        for (std::size_t j = 0; j < 6; ++j) {
+          sum += static_cast<double>(row.b[6 * i + j]) * first[t][static_cast<Eigen::Index>(j)];
+        }
+        solver.b[static_cast<std::size_t>(row.offset) + 16 * i] -= static_cast<Real>(sum);
+      }
+    }
+  }
+
+  RowMatrix<Real> matrix;
+  matrix.chunks = scene.sparsity.chunks;
+  matrix.chunk_start = scene.sparsity.chunk_start.data();
+  matrix.column = scene.sparsity.column.data();
+  matrix.values = numbers.system.values.data();
+  matrix.diagonal = numbers.system.diagonal.data();
+  matrix.inverse = numbers.system.inverse.data();
+  const double floor = floor_m_s * std::sqrt(scene.total_mass_kg);
+  const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
+                                                 scene.settings.solver.max_iterations, solver);
+
+#pragma omp parallel for num_threads(workspace.threads) schedule(static)
+  for (std::int64_t slot = 0; slot < slots; ++slot) {
+    const std::int32_t node = scene.sparsity.node_of_slot[static_cast<std::size_t>(slot)];
+    if (node < 0) continue;
+    for (std::int64_t d = 0; d < 3; ++d) {
+      workspace.increments[static_cast<std::size_t>(3 * node + d)] =
+          static_cast<double>(solver.x[static_cast<std::size_t>((slot / 16 * 3 + d) * 16 + slot % 16)]);
+    }
+  }
+  for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
+    Vec6 change = workspace.tools[t].right_hand_side;
+    for (const auto& row : numbers.borders[t].rows) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const double x = static_cast<double>(solver.x[static_cast<std::size_t>(row.offset) + 16 * i]);
+        for (std::size_t j = 0; j < 6; ++j) {
+          change[static_cast<Eigen::Index>(j)] -= static_cast<double>(row.b[6 * i + j]) * x;
+        }
+      }
+    }
+    Vec6 increment = Vec6::Zero();
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j < 6; ++j) {
+        increment[i] += numbers.borders[t].inverse[static_cast<std::size_t>(6 * i + j)] * change[j];
+      }
+    }
+    workspace.tools[t].increment = increment;
+  }
+  return result;
+}
+
+}  // namespace
+
+template <class Real>
+std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa) {
+  auto numbers = std::make_unique<Numbers<Real>>();
+  numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
+  numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
+  numbers->borders.resize(scene.settings.tools.size());
+  for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
+    numbers->borders[t].rows.reserve(4 * scene.settings.tools[t].surface.vertices.size());
+  }
+  return numbers;
+}
+
+// Force of a contact on the tissue after the solve.
+Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
+                   const Workspace& workspace) {
+  const ContactLaw& law = scene.settings.contact;
+  const ToolSystem& tool = workspace.tools[static_cast<std::size_t>(contact.tool)];
+  Vec3 rate = gap_velocity(contact, scene.mesh, state.velocities, tool.velocity + tool.increment);
+  const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
+  for (std::size_t c = 0; c < 4; ++c)
+    rate -= contact.weights[c] * node_vector(workspace.increments, nodes[c]);
+  return response(law, contact.normal) *
+         (law.stiffness_N_m * contact.gap +
+          (law.damping_N_s_m + scene.settings.step_s * law.stiffness_N_m) * rate);
+}
+
+template <class Real>
+SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
+                               Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
+                               double tolerance, double floor_m_s) {
+  assemble_tissue(scene, state, numbers, workspace);
+  for (std::size_t t = 0; t < workspace.tools.size(); ++t)
+    assemble_tool(scene, samples[t], state, t, workspace);
+  assemble_contacts(scene, state, numbers, workspace);
+  finish_rows<Real>(scene.sparsity, scene.free_node, numbers.system);
+  if (observer != nullptr) observer->stage_done(Stage::assembly);
+  const SolveResult result = solve(scene, tolerance, floor_m_s, numbers, workspace);
+  if (observer != nullptr) observer->stage_done(Stage::solve);
+  return result;
+}
+
+#define SULCUS_INSTANTIATE(Real)                                                                     \
+  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                \
+  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&, \
+                                                Numbers<Real>&, Workspace&, StageObserver*, double, double);
+SULCUS_INSTANTIATE(float)
+SULCUS_INSTANTIATE(double)
+#undef SULCUS_INSTANTIATE
+
+}  // namespace sulcus

@@ -1,0 +1,72 @@
+// The linear system of one step, and the memory that it is made in. Private to this room.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "engine/fem/assembly.h"
+#include "engine/scene/step.h"
+#include "engine/solver/conjugate_gradients.h"
+
+namespace sulcus {
+
+using Vec6 = Eigen::Matrix<double, 6, 1>;
+using Mat6 = Eigen::Matrix<double, 6, 6>;
+
+// What one precision of the solver works on.
+template <class Real>
+struct Numbers {
+  SystemMatrix<Real> system;
+  SolverWorkspace<Real> solver;
+  std::vector<ToolBorder<Real>> borders;  // [tools]
+};
+
+// The 6x6 part of the step's system that belongs to one tool (equations.md 4), and its right-hand side.
+struct ToolSystem {
+  RigidBodyState start;
+  Mat3 inertia;          // world, kg m^2
+  Vec6 velocity;         // v_com, omega at the start
+  Vec3 misalignment;     // u, rad
+  Mat3 stiffness;        // H
+  Mat6 matrix;           // C
+  Vec6 right_hand_side;  // of the increment
+  Vec6 increment;        // solution
+};
+
+struct Workspace {
+  int threads = 1;
+  std::unique_ptr<Numbers<float>> single;  // one of the two, as the scene's precision asks
+  std::unique_ptr<Numbers<double>> twice;
+  std::vector<double> forces;      // [3*nodes] N
+  std::vector<double> increments;  // [3*nodes] m/s
+  std::vector<Vec3> vertices;      // of one tool, world
+  std::vector<Contact> contacts;   // of all tools, in order
+  ContactSearch search;
+  std::vector<ToolSystem> tools;
+  std::vector<std::int32_t> touched;      // nodes in contact with one tool, by slot
+  std::vector<std::int32_t> row_of_node;  // [nodes] -1 or number in `touched`
+};
+
+template <class Real>
+std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa);
+
+// Entry `node` of an array [3*nodes], xyz interleaved.
+inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
+  const auto n = static_cast<std::size_t>(node);
+  return {values[3 * n], values[3 * n + 1], values[3 * n + 2]};
+}
+
+// Assembles the system of tissue, tools and workspace.contacts for the step after `state` (the rotations in
+// it are brought up to date) and solves it for workspace.increments and the tools' increments (equations.md
+// 4). tolerance and floor_m_s as in SolverSettings.
+template <class Real>
+SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
+                               Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
+                               double tolerance, double floor_m_s);
+
+// Force [N] of a contact on the tissue at the end of the step, by the solution in the workspace.
+Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
+                   const Workspace& workspace);
+
+}  // namespace sulcus
