@@ -262,9 +262,8 @@ Eigen::MatrixXd dense(const Body& body, const SystemMatrix<double>& system) {
       }
       for (std::int64_t e = body.sparsity.chunk_start[static_cast<std::size_t>(chunk)];
            e < body.sparsity.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++e) {
-        const std::int32_t column = body.sparsity.column[static_cast<std::size_t>(e * 16 + l)];
-        const std::int32_t other =
-            body.sparsity.node_of_slot[static_cast<std::size_t>(column / 48 * 16 + column % 16)];
+        const std::int32_t other = body.sparsity.node_of_slot[static_cast<std::size_t>(
+            body.sparsity.column[static_cast<std::size_t>(e * 16 + l)])];
         for (int k = 0; k < 9; ++k) {
           a(3 * row + k / 3, 3 * other + k % 3) +=
               system.values[static_cast<std::size_t>((e * 9 + k) * 16 + l)];

@@ -89,10 +89,6 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
     }
   }
 
-  const auto offset = [&](std::int32_t node) {
-    const std::int64_t slot = s.slot_of_node[static_cast<std::size_t>(node)];
-    return static_cast<std::int32_t>(slot / rows * 3 * rows + slot % rows);
-  };
   s.chunk_start.push_back(0);
   for (std::int64_t chunk = 0; chunk < s.chunks; ++chunk) {
     std::int32_t longest = 0;
@@ -107,9 +103,9 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
         const Neighbour neighbour =
             present ? neighbours[static_cast<std::size_t>(start[static_cast<std::size_t>(node)] + k)]
                     : Neighbour{-1, -1};
-        // padding reads the chunk's own entry and multiplies it by zero
-        s.column.push_back(present ? offset(neighbour.node)
-                                   : static_cast<std::int32_t>(chunk * 3 * rows + l));
+        // padding reads its own slot and multiplies it by zero
+        s.column.push_back(present ? s.slot_of_node[static_cast<std::size_t>(neighbour.node)]
+                                   : static_cast<std::int32_t>(chunk * rows + l));
         s.block.push_back(neighbour.block);
       }
     }

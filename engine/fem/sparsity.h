@@ -30,7 +30,7 @@ struct Sparsity {
   std::vector<std::int32_t> tet_edges;             // [6*tets], edges of corners 01 02 03 12 13 23
 
   std::vector<std::int32_t> chunk_start;  // [chunks+1] in columns of 16 entries
-  std::vector<std::int32_t> column;       // [entries] offset of the neighbour's entry 0 in a solver vector
+  std::vector<std::int32_t> column;       // [entries] slot of the neighbour
   std::vector<std::int32_t> block;        // [entries] edge*2 + (1: transposed); -1: padding
 };
 

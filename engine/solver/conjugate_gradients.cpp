@@ -42,6 +42,7 @@ SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, i
   for (auto* vector : {&workspace.b, &workspace.x, &workspace.r, &workspace.z, &workspace.p, &workspace.q}) {
     vector->assign(size, Real(0));
   }
+  workspace.packed.assign(static_cast<std::size_t>(sparsity.chunks) * 64, Real(0));
   const auto blocks = static_cast<std::size_t>((sparsity.chunks + chunks_per_block - 1) / chunks_per_block);
   workspace.pq.assign(blocks, 0.0);
   workspace.rz.assign(blocks, 0.0);
@@ -103,6 +104,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
   Real* z = workspace.z.data();
   Real* p = workspace.p.data();
   Real* q = workspace.q.data();
+  Real* packed = workspace.packed.data();
   SpinBarrier barrier(workspace.threads);
 
 #pragma omp parallel num_threads(workspace.threads)
@@ -117,7 +119,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       r[i] = workspace.b[static_cast<std::size_t>(i)];
     }
     kernels.advance(matrix, Real(0), p, q, x, r, z, workspace.rz.data(), own.first, own.last);  // z = D^-1 b
-    kernels.direct(matrix, Real(0), z, p, own.first, own.last);                                 // p = z
+    kernels.direct(matrix, Real(0), z, p, packed, own.first, own.last);                         // p = z
     barrier.wait();
 
     double rz = ordered_sum(workspace.rz);
@@ -128,7 +130,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
     while (!broken && std::sqrt(rz) > goal && iteration < max_iterations) {
       std::array<double, 6> y;
       double border_term = 0;
-      kernels.multiply(matrix, p, q, workspace.pq.data(), own.first, own.last);
+      kernels.multiply(matrix, p, packed, q, workspace.pq.data(), own.first, own.last);
       for (const auto& border : borders) {
         border_term += border_product(border, p, y);
         subtract_border(border, y, own_chunks, q);
@@ -149,7 +151,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         broken = true;
         break;
       }
-      kernels.direct(matrix, static_cast<Real>(rz_new / rz), z, p, own.first, own.last);
+      kernels.direct(matrix, static_cast<Real>(rz_new / rz), z, p, packed, own.first, own.last);
       rz = rz_new;
       barrier.wait();
     }

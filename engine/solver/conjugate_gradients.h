@@ -40,6 +40,7 @@ struct ToolBorder {
 template <class Real>
 struct SolverWorkspace {
   AlignedVector<Real> b, x, r, z, p, q;  // solver vectors, 48 entries a chunk
+  AlignedVector<Real> packed;            // p once more, four numbers a slot
   std::vector<double> pq, rz;            // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;

@@ -24,9 +24,77 @@ SULCUS_INLINE std::int64_t last_chunk(std::int64_t block, std::int64_t chunks) {
   return last < chunks ? last : chunks;
 }
 
+template <class Real, int count>
+struct Vector {
+  typedef Real Type __attribute__((vector_size(count * sizeof(Real))));
+};
+
+// The packed entries of slots column[0], column[4], column[8], ..., one behind the other: count numbers.
+template <class Real, int count>
+SULCUS_INLINE typename Vector<Real, count>::Type packed_entries(const Real* packed,
+                                                                const std::int32_t* column) {
+  if constexpr (count == 4) {
+    return load<Four<Real>>(packed + 4 * static_cast<std::int64_t>(column[0]));
+  } else {
+    const auto low = packed_entries<Real, count / 2>(packed, column);
+    const auto high = packed_entries<Real, count / 2>(packed, column + count / 2);
+    if constexpr (count == 8) {
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+    } else {
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    }
+  }
+}
+
+// x, y and z of the slots column[0 .. lanes): one load a slot, then 4x4 transposes within groups of four
+// lanes.
 template <class Real>
-void multiply(const RowMatrix<Real>& a, const Real* p, Real* q, double* sums, std::int64_t first_block,
-              std::int64_t last_block) {
+SULCUS_INLINE void gather(const Real* packed, const std::int32_t* column, Lanes<Real>& x, Lanes<Real>& y,
+                          Lanes<Real>& z) {
+  using V = Lanes<Real>;
+  constexpr int n = lane_count<Real>;
+  if constexpr (n < 4) {
+    for (int k = 0; k < n; ++k) {
+      const Real* from = packed + 4 * static_cast<std::int64_t>(column[k]);
+      x[k] = from[0];
+      y[k] = from[1];
+      z[k] = from[2];
+    }
+  } else {
+    const V a = packed_entries<Real, n>(packed, column), b = packed_entries<Real, n>(packed, column + 1);
+    const V c = packed_entries<Real, n>(packed, column + 2), d = packed_entries<Real, n>(packed, column + 3);
+    if constexpr (n == 4) {
+      const V ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+      const V ab_z = __builtin_shufflevector(a, b, 2, 6, 3, 7),
+              cd_z = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+      x = __builtin_shufflevector(ab, cd, 0, 1, 4, 5);
+      y = __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 4, 5);
+    } else if constexpr (n == 8) {
+      const V ab = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
+      const V cd = __builtin_shufflevector(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
+      const V ab_z = __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15);
+      const V cd_z = __builtin_shufflevector(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
+      x = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13);
+      y = __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
+      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 8, 9, 4, 5, 12, 13);
+    } else {
+      const V ab = __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
+      const V cd = __builtin_shufflevector(c, d, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
+      const V ab_z =
+          __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+      const V cd_z =
+          __builtin_shufflevector(c, d, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+      x = __builtin_shufflevector(ab, cd, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+      y = __builtin_shufflevector(ab, cd, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    }
+  }
+}
+
+template <class Real>
+void multiply(const RowMatrix<Real>& a, const Real* p, const Real* packed, Real* q, double* sums,
+              std::int64_t first_block, std::int64_t last_block) {
   using V = Lanes<Real>;
   constexpr int n = lane_count<Real>;
   for (std::int64_t block = first_block; block < last_block; ++block) {
@@ -43,11 +111,8 @@ void multiply(const RowMatrix<Real>& a, const Real* p, Real* q, double* sums, st
         }
         for (std::int64_t entry = a.chunk_start[chunk]; entry < a.chunk_start[chunk + 1]; ++entry) {
           const std::int32_t* column = a.column + entry * rows + l;
-          alignas(64) Real x[3][n];
-          for (int k = 0; k < n; ++k) x[0][k] = p[column[k]];
-          for (int k = 0; k < n; ++k) x[1][k] = p[column[k] + rows];
-          for (int k = 0; k < n; ++k) x[2][k] = p[column[k] + 2 * rows];
-          const V x0 = load<V>(x[0]), x1 = load<V>(x[1]), x2 = load<V>(x[2]);
+          V x0, x1, x2;
+          gather<Real>(packed, column, x0, x1, x2);
           const Real* values = a.values + entry * 9 * rows + l;
           for (int i = 0; i < 3; ++i) {
             const Real* v = values + 3 * i * rows;
@@ -97,13 +162,22 @@ void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q,
 }
 
 template <class Real>
-void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, std::int64_t first_block,
-            std::int64_t last_block) {
-  using V = Lanes<Real>;
+void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, Real* packed,
+            std::int64_t first_block, std::int64_t last_block) {
+  using F = Four<Real>;
   if (first_block >= last_block) return;
-  const std::int64_t last = last_chunk(last_block - 1, a.chunks) * 3 * rows;
-  for (std::int64_t at = first_block * chunks_per_block * 3 * rows; at < last; at += lane_count<Real>) {
-    store(p + at, load<V>(z + at) + beta * load<V>(p + at));
+  for (std::int64_t chunk = first_block * chunks_per_block; chunk < last_chunk(last_block - 1, a.chunks);
+       ++chunk) {
+    for (int l = 0; l < rows; l += 4) {
+      const std::int64_t at = chunk * 3 * rows + l;
+      F d[4] = {};
+      for (int i = 0; i < 3; ++i) {
+        d[i] = load<F>(z + at + i * rows) + beta * load<F>(p + at + i * rows);
+        store(p + at + i * rows, d[i]);
+      }
+      transpose<Real>(d[0], d[1], d[2], d[3]);
+      for (int k = 0; k < 4; ++k) store(packed + 4 * (chunk * rows + l + k), d[k]);
+    }
   }
 }
 

@@ -25,15 +25,16 @@ inline constexpr std::int64_t chunks_per_block = 16;
 // All work on whole blocks [first_block, last_block) and write one sum a block.
 template <class Real>
 struct SolverKernels {
-  // q = A p; sums: p . q
-  void (*multiply)(const RowMatrix<Real>&, const Real* p, Real* q, double* sums, std::int64_t first_block,
-                   std::int64_t last_block) = nullptr;
+  // q = A p; sums: p . q. packed: p once more, as `direct` leaves it: four numbers a slot (x, y, z, 0), so
+  // that the entries of a neighbour are one load.
+  void (*multiply)(const RowMatrix<Real>&, const Real* p, const Real* packed, Real* q, double* sums,
+                   std::int64_t first_block, std::int64_t last_block) = nullptr;
   // x += alpha p; r -= alpha q; z = D^-1 r; sums: r . z
   void (*advance)(const RowMatrix<Real>&, Real alpha, const Real* p, const Real* q, Real* x, Real* r, Real* z,
                   double* sums, std::int64_t first_block, std::int64_t last_block) = nullptr;
-  // p = z + beta p
-  void (*direct)(const RowMatrix<Real>&, Real beta, const Real* z, Real* p, std::int64_t first_block,
-                 std::int64_t last_block) = nullptr;
+  // p = z + beta p, and packed likewise
+  void (*direct)(const RowMatrix<Real>&, Real beta, const Real* z, Real* p, Real* packed,
+                 std::int64_t first_block, std::int64_t last_block) = nullptr;
 };
 
 template <class Real>

@@ -98,7 +98,7 @@ struct Problem {
       for (std::int64_t e = sparsity.chunk_start[static_cast<std::size_t>(chunk)];
            e < sparsity.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++e) {
         const std::int32_t at = sparsity.column[static_cast<std::size_t>(e * 16 + l)];
-        add(sparsity.node_of_slot[static_cast<std::size_t>(at / 48 * 16 + at % 16)],
+        add(sparsity.node_of_slot[static_cast<std::size_t>(at)],
             &system.values[static_cast<std::size_t>(e * 144 + l)]);
       }
     }
