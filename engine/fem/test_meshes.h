@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <random>
 #include <vector>
 
 #include "engine/mesh/embedding.h"
+#include "engine/numerics/test_random.h"
 
 namespace sulcus {
 
@@ -24,10 +24,6 @@ inline EmbeddingMesh box_mesh(int nx, int ny, int nz, double edge_m, TetSplit sp
   options.size_m = edge_m;
   options.split = split;
   return build_embedding(box_map(nx, ny, nz, edge_m), {}, options);
-}
-
-inline double uniform(std::mt19937_64& random, double low, double high) {
-  return low + (high - low) * (static_cast<double>(random() >> 11) * 0x1p-53);
 }
 
 inline std::vector<double> flat_positions(const EmbeddingMesh& mesh) {

@@ -5,13 +5,10 @@
 
 #include "engine/numerics/elementary.h"
 #include "engine/numerics/quaternion.h"
+#include "engine/numerics/test_random.h"
 
 namespace sulcus {
 namespace {
-
-double uniform(std::mt19937_64& random, double low, double high) {
-  return low + (high - low) * (static_cast<double>(random() >> 11) * 0x1p-53);
-}
 
 double ulps(double value, double expected) {
   const double unit = std::nextafter(std::fabs(expected), INFINITY) - std::fabs(expected);

@@ -258,6 +258,27 @@ TEST(Step, AllocatesNothingAfterTheFirst) {
   EXPECT_EQ(allocation_count() - before, 0);
 }
 
+TEST(Step, TakesAsManyToolsAsAScenarioNames) {
+  SceneDescription d = block_description(6, 0.01);
+  d.contact.stiffness_N_m = 20;
+  std::vector<DeviceSample> samples;
+  for (int t = 0; t < 9; ++t) {  // a row of balls, two millimetres deep, away from the rounded edges
+    d.tools.push_back(ball(0.005));
+    samples.emplace_back();
+    samples.back().position = {0.014 + 0.004 * t, 0.03, 0.063};
+  }
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, samples);
+  WorkspacePtr workspace = make_workspace(scene, 2);
+  StepReport report = make_report(scene);
+  step(scene, samples, state, report, *workspace);
+  EXPECT_TRUE(report.finite && report.converged);
+  for (const ToolReport& tool : report.tools) {
+    EXPECT_GT(tool.contacts, 0);
+    EXPECT_LT((tool.contact_force + tool.tissue_force).norm(), 1e-9);
+  }
+}
+
 TEST(Step, SolverErrorFollowsTheTolerance) {
   double errors[2];
   int i = 0;

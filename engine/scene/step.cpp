@@ -224,34 +224,29 @@ void step(const Scene& scene, std::span<const DeviceSample> samples, State& stat
 
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads) {
-  // the scene's own solve
   State copy = state;
-  WorkspacePtr own = make_workspace(scene, threads);
-  if (!scene.settings.tools.empty()) find_contacts(scene, copy, *own);
+  WorkspacePtr workspace = make_workspace(scene, threads);
+  if (!scene.settings.tools.empty()) find_contacts(scene, copy, *workspace);
+  // the scene's own solve
   const SolverSettings& settings = scene.settings.solver;
-  if (own->single) {
-    assemble_and_solve(scene, samples, copy, *own->single, *own, nullptr, settings.tolerance,
+  if (workspace->single) {
+    assemble_and_solve(scene, samples, copy, *workspace->single, *workspace, nullptr, settings.tolerance,
                        settings.velocity_floor_m_s);
   } else {
-    assemble_and_solve(scene, samples, copy, *own->twice, *own, nullptr, settings.tolerance,
+    assemble_and_solve(scene, samples, copy, *workspace->twice, *workspace, nullptr, settings.tolerance,
                        settings.velocity_floor_m_s);
   }
+  const std::vector<double> own = workspace->increments;
   // the reference: same contacts, double precision, tight tolerance
-  Workspace reference;
-  reference.threads = threads;
-  reference.forces.assign(state.positions.size(), 0.0);
-  reference.increments.assign(state.positions.size(), 0.0);
-  reference.tools.resize(scene.settings.tools.size());
-  reference.row_of_node = own->row_of_node;
-  reference.contacts = own->contacts;
   const auto numbers = make_numbers<double>(scene, threads, widest_isa());
   copy = state;
-  assemble_and_solve(scene, samples, copy, *numbers, reference, nullptr, 1e-10, 0);
+  assemble_and_solve(scene, samples, copy, *numbers, *workspace, nullptr, 1e-10, 0);
+  const std::vector<double>& reference = workspace->increments;
   double error = 0, size = 0;
   for (std::size_t i = 0; i < state.positions.size(); ++i) {
-    const double difference = own->increments[i] - reference.increments[i];
+    const double difference = own[i] - reference[i];
     error += difference * difference;
-    size += reference.increments[i] * reference.increments[i];
+    size += reference[i] * reference[i];
   }
   const double rest = static_cast<double>(scene.node_count()) * resting_increment_m_s * resting_increment_m_s;
   return std::sqrt(error / std::max(size, rest));

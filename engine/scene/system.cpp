@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 
 namespace sulcus {
@@ -201,20 +200,18 @@ SolveResult solve(const Scene& scene, double tolerance, double floor_m_s, Number
           node < 0 ? Real(0) : static_cast<Real>(workspace.forces[static_cast<std::size_t>(3 * node + d)]);
     }
   }
-  std::array<Vec6, 8> first;  // C^-1 c, a tool
-  assert(workspace.tools.size() <= first.size());
   for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
     const Mat6 inverse = workspace.tools[t].matrix.llt().solve(Mat6::Identity());
     for (int i = 0; i < 6; ++i) {
       for (int j = 0; j < 6; ++j)
         numbers.borders[t].inverse[static_cast<std::size_t>(6 * i + j)] = inverse(i, j);
     }
-    first[t] = inverse * workspace.tools[t].right_hand_side;
+    const Vec6 first = inverse * workspace.tools[t].right_hand_side;
     for (const auto& row : numbers.borders[t].rows) {
       for (std::size_t i = 0; i < 3; ++i) {
         double sum = 0;
         for (std::size_t j = 0; j < 6; ++j) {
-          sum += static_cast<double>(row.b[6 * i + j]) * first[t][static_cast<Eigen::Index>(j)];
+          sum += static_cast<double>(row.b[6 * i + j]) * first[static_cast<Eigen::Index>(j)];
         }
         solver.b[static_cast<std::size_t>(row.offset) + 16 * i] -= static_cast<Real>(sum);
       }

@@ -3,15 +3,12 @@
 #include <cmath>
 #include <random>
 
+#include "engine/numerics/test_random.h"
 #include "engine/tool/rigid_body.h"
 #include "engine/tool/virtual_coupling.h"
 
 namespace sulcus {
 namespace {
-
-double uniform(std::mt19937_64& random, double low, double high) {
-  return low + (high - low) * (static_cast<double>(random() >> 11) * 0x1p-53);
-}
 
 Vec3 random_vector(std::mt19937_64& random, double size) {
   return {uniform(random, -size, size), uniform(random, -size, size), uniform(random, -size, size)};

@@ -13,6 +13,7 @@
 #include "verify/golden.h"
 #include "verify/picture_diff.h"
 #include "verify/png.h"
+#include "verify/summary.h"
 
 namespace sulcus {
 namespace fs = std::filesystem;
@@ -63,16 +64,9 @@ StatementBounds bounds_of(const Scenario& scenario) {
   return bounds;
 }
 
-double peak(const Series* series) {
-  if (series == nullptr) return 0;
-  const auto n = static_cast<std::size_t>(series->components);
-  double largest = 0;
-  for (std::size_t i = 0; i + n <= series->values.size(); i += n) {
-    double square = 0;
-    for (std::size_t k = 0; k < n; ++k) square += series->values[i + k] * series->values[i + k];
-    largest = std::max(largest, std::sqrt(square));
-  }
-  return largest;
+double peak(const Series* series) {  // of a series of one component
+  if (series == nullptr || series->values.empty()) return 0;
+  return *std::max_element(series->values.begin(), series->values.end());
 }
 
 // Elements of a recorded frame whose volume is not positive.
@@ -95,9 +89,7 @@ std::int64_t inverted_elements(const RunHeader& mesh, const Frame& frame) {
 void check_peaks(const RunData& run, const Scenario& scenario, std::vector<Check>& checks) {
   if (scenario.checks.min_peak_force_N) {
     double force = 0;
-    for (std::int64_t t = 0; t < run.header.tool_count(); ++t) {
-      force = std::max(force, peak(run.find("tools/" + std::to_string(t) + "/displayed_force_N")));
-    }
+    for (const ToolSummary& tool : summarise(run).tools) force = std::max(force, tool.max_displayed_force_N);
     checks.push_back(check_at_least("peak_force", "statement", force, *scenario.checks.min_peak_force_N, "N",
                                     run.steps, "largest displayed force of the run"));
   }
