@@ -56,6 +56,24 @@ Pieces voxel_pieces(const LabelMap& map, const SeparationPairs& pairs) {
   return pieces;
 }
 
+NodeStars build_node_stars(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count) {
+  NodeStars stars;
+  stars.start.assign(static_cast<std::size_t>(node_count) + 1, 0);
+  for (const auto& tet : tets) {
+    for (std::int32_t node : tet) ++stars.start[static_cast<std::size_t>(node) + 1];
+  }
+  for (std::size_t n = 1; n < stars.start.size(); ++n) stars.start[n] += stars.start[n - 1];
+  stars.incident.resize(4 * tets.size());
+  std::vector<std::int32_t> next(stars.start.begin(), stars.start.end() - 1);
+  for (std::size_t t = 0; t < tets.size(); ++t) {
+    for (std::size_t corner = 0; corner < 4; ++corner) {
+      std::int32_t& place = next[static_cast<std::size_t>(tets[t][corner])];
+      stars.incident[static_cast<std::size_t>(place++)] = static_cast<std::int32_t>(4 * t + corner);
+    }
+  }
+  return stars;
+}
+
 Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,
                    std::span<const std::uint8_t> alive) {
   Sets sets(static_cast<std::size_t>(node_count));
