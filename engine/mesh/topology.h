@@ -26,6 +26,10 @@ struct NodeStars {
 };
 NodeStars build_node_stars(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count);
 
+// The tetrahedron behind each face: [tets], entry c lies across the face opposite corner c; -1: none. Throws
+// InputError for a face that three tetrahedra share.
+std::vector<std::array<std::int32_t, 4>> face_neighbours(std::span<const std::array<std::int32_t, 4>> tets);
+
 // Pieces of tetrahedra that share nodes. `alive` (empty = all) leaves out removed elements.
 Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,
                    std::span<const std::uint8_t> alive = {});
