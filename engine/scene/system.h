@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "engine/fem/assembly.h"
+#include "engine/scene/alive_view.h"
 #include "engine/scene/step.h"
 #include "engine/solver/conjugate_gradients.h"
 
@@ -46,10 +47,18 @@ struct Workspace {
   std::vector<ToolSystem> tools;
   std::vector<std::int32_t> touched;      // nodes in contact with one tool, by slot
   std::vector<std::int32_t> row_of_node;  // [nodes] -1 or number in `touched`
+  AliveView view;                         // of scenes that fracture or touch by nodes
+  FractureScratch fracture;               // of scenes that fracture
+  std::vector<Vec3> motion_forces;        // [motions] N
 };
 
 template <class Real>
 std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa);
+
+// The elements that are present; empty (all are) in scenes that do not fracture.
+inline std::span<const std::uint8_t> present(const Scene& scene, const State& state) {
+  return scene.fracture ? std::span<const std::uint8_t>(state.alive) : std::span<const std::uint8_t>();
+}
 
 // Entry `node` of an array [3*nodes], xyz interleaved.
 inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
