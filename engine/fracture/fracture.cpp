@@ -187,7 +187,7 @@ FractureReport tear(const ElementData& elements, const FractureData& data, const
                     const MeshStars& mesh, std::span<const Vec3> rest, std::span<const double> positions,
                     std::span<std::uint8_t> alive, std::span<std::uint8_t> steps_above,
                     FractureScratch& scratch) {
-  assert(steps_above.empty() == (settings.steps_above == 1));
+  if (settings.steps_above == 1) steps_above = {};
   FractureReport report;
   find_close(elements, data, settings, positions, alive, scratch);
   scratch.stress.resize(scratch.close.size());

@@ -64,7 +64,7 @@ FractureScratch make_fracture_scratch(const ElementData& elements, const MeshSta
 
 // Removes from `alive` [tets] what tears in the state of `positions` [3*nodes] and what then hangs on hinges;
 // scratch.removed lists it: by criterion, by avoidance, detached. steps_above: [tets], counters of the
-// hysteresis, or empty where settings.steps_above is 1. A stress that is not finite tears nothing. Does not
+// hysteresis; left alone where settings.steps_above is 1. A stress that is not finite tears nothing. Does not
 // allocate. Cost: a pass over the elements that can tear, an SVD for those near their threshold.
 FractureReport tear(const ElementData& elements, const FractureData& data, const FractureSettings& settings,
                     const MeshStars& mesh, std::span<const Vec3> rest, std::span<const double> positions,

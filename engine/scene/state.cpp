@@ -20,9 +20,7 @@ State initial_state(const Scene& scene, std::span<const DeviceSample> samples) {
     scratch.star = make_star_scratch(scene.stars());
     clear_singularities(scene.stars(), state.alive, scratch);
   }
-  if (scene.settings.fracture && scene.settings.fracture->steps_above > 1) {
-    state.steps_above.assign(scene.mesh.tets.size(), 0);
-  }
+  state.steps_above.assign(scene.mesh.tets.size(), 0);
   for (const DeviceSample& sample : samples) {
     const Quaternion q = normalised(sample.orientation);
     for (double value : {sample.position[0], sample.position[1], sample.position[2], q.s, q.x, q.y, q.z}) {
