@@ -68,8 +68,8 @@ void report_contacts(const Scene& scene, const State& state, const Workspace& wo
 }
 
 void report_elastic_energy(const Scene& scene, const State& state, int threads, StepReport& report) {
-  report.elastic_energy_J = elastic_energy(scene.elements, scene.mesh.rest_positions, state.positions,
-                                           state.rotations, present(scene, state), threads);
+  report.elastic_energy_J =
+      elastic_energy(scene.elements, state.positions, state.rotations, present(scene, state), threads);
   for (const NodeSpring& spring : scene.settings.springs) {
     const Vec3 stretch = node_vector(state.positions, spring.node) -
                          scene.mesh.rest_positions[static_cast<std::size_t>(spring.node)];
@@ -178,7 +178,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
                       drop_pulling_contacts(scene, state, workspace, report);
        ++again) {
     result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
-                                settings.velocity_floor_m_s);
+                                settings.velocity_floor_m_s, true);
     report.iterations += result.iterations;
   }
   report.residual = result.residual;

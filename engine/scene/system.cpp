@@ -75,6 +75,48 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
   tool.right_hand_side -= tool.matrix * tool.velocity;
 }
 
+// Calls visit(numbers, their saved copy) for all that the tissue's part holds at a contact's nodes and edges.
+template <class Real, class Visit>
+void for_each_saved(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace, std::size_t contact,
+                    Visit&& visit) {
+  const auto tet = static_cast<std::size_t>(numbers.saved_tets[contact]);
+  for (std::size_t k = 0; k < 6; ++k) {
+    const auto edge = static_cast<std::size_t>(scene.sparsity.tet_edges[6 * tet + k]);
+    visit(std::span(&numbers.system.blocks[12 * edge], 12),
+          std::span(&numbers.saved_blocks[12 * (6 * contact + k)], 12));
+  }
+  for (std::size_t c = 0; c < 4; ++c) {
+    const auto node = static_cast<std::size_t>(scene.mesh.tets[tet][c]);
+    visit(std::span(&numbers.system.node_terms[16 * node], 9),
+          std::span(&numbers.saved_terms[9 * (4 * contact + c)], 9));
+    visit(std::span(&workspace.forces[3 * node], 3),
+          std::span(&numbers.saved_forces[3 * (4 * contact + c)], 3));
+  }
+}
+
+template <class Real>
+void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
+  const std::size_t count = workspace.contacts.size();
+  numbers.saved_tets.clear();
+  for (const Contact& contact : workspace.contacts) numbers.saved_tets.push_back(contact.tet);
+  numbers.saved_blocks.resize(72 * count);
+  numbers.saved_terms.resize(36 * count);
+  numbers.saved_forces.resize(12 * count);
+  for (std::size_t c = 0; c < count; ++c) {
+    for_each_saved(scene, numbers, workspace, c,
+                   [](auto now, auto saved) { std::copy(now.begin(), now.end(), saved.begin()); });
+  }
+}
+
+// Backwards, so that of several copies of a place the first one saved is the last one restored.
+template <class Real>
+void restore_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
+  for (std::size_t c = numbers.saved_tets.size(); c-- > 0;) {
+    for_each_saved(scene, numbers, workspace, c,
+                   [](auto now, auto saved) { std::copy(saved.begin(), saved.end(), now.begin()); });
+  }
+}
+
 // Adds the contacts to matrix, tool blocks, borders and right-hand sides.
 template <class Real>
 void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& numbers, Workspace& workspace) {
@@ -215,6 +257,14 @@ void prescribe(const Scene& scene, const State& state, SolverWorkspace<Real>& so
   }
 }
 
+// Makes the last solution the place where the next search begins.
+template <class Real>
+void guess_last_solution(SolverWorkspace<Real>& solver) {
+  for (std::size_t i = 0; i < solver.guess.size(); ++i) {
+    solver.guess[i] = solver.prescribed.empty() ? solver.x[i] : solver.x[i] - solver.prescribed[i];
+  }
+}
+
 // What holds the nodes on their paths: the residual there.
 template <class Real>
 void sum_motion_forces(const Scene& scene, const SolverWorkspace<Real>& solver, Workspace& workspace) {
@@ -312,6 +362,17 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   auto numbers = std::make_unique<Numbers<Real>>();
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
+  if (!scene.settings.tools.empty() && scene.settings.contact.tension_rule) {
+    numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
+    std::size_t contacts = 0;
+    for (const Tool& tool : scene.settings.tools) contacts += tool.surface.vertices.size();
+    if (scene.settings.detection == ContactDetection::surface_nodes)
+      contacts = scene.mesh.rest_positions.size() * scene.settings.tools.size();
+    numbers->saved_tets.reserve(contacts);
+    numbers->saved_blocks.reserve(72 * contacts);
+    numbers->saved_terms.reserve(36 * contacts);
+    numbers->saved_forces.reserve(12 * contacts);
+  }
   if (!scene.settings.motions.empty()) numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
   numbers->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
@@ -339,8 +400,15 @@ Vec3 contact_force(const Scene& scene, const State& state, const Contact& contac
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s) {
-  assemble_tissue(scene, state, numbers, workspace);
+                               double tolerance, double floor_m_s, bool again) {
+  numbers.solver.use_guess = again;
+  if (again) guess_last_solution(numbers.solver);
+  if (again) {
+    restore_tissue(scene, numbers, workspace);
+  } else {
+    assemble_tissue(scene, state, numbers, workspace);
+    if (!numbers.solver.guess.empty()) save_tissue(scene, numbers, workspace);
+  }
   for (std::size_t t = 0; t < workspace.tools.size(); ++t)
     assemble_tool(scene, samples[t], state, t, workspace);
   assemble_contacts(scene, state, numbers, workspace);
@@ -352,10 +420,11 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   return result;
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                     \
-  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                \
-  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&, \
-                                                Numbers<Real>&, Workspace&, StageObserver*, double, double);
+#define SULCUS_INSTANTIATE(Real)                                                                            \
+  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                       \
+  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,        \
+                                                Numbers<Real>&, Workspace&, StageObserver*, double, double, \
+                                                bool);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)
 #undef SULCUS_INSTANTIATE

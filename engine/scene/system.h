@@ -21,6 +21,11 @@ struct Numbers {
   SystemMatrix<Real> system;
   SolverWorkspace<Real> solver;
   std::vector<ToolBorder<Real>> borders;  // [tools]
+  // What the tissue's part holds where contacts will be added, so that a repeated solve need not assemble the
+  // tissue again. Four nodes and six edges a contact.
+  std::vector<Real> saved_blocks, saved_terms;  // [6*12*contacts], [4*9*contacts]
+  std::vector<double> saved_forces;             // [4*3*contacts] N s
+  std::vector<std::int32_t> saved_tets;         // [contacts]
 };
 
 // The 6x6 part of the step's system that belongs to one tool (equations.md 4), and its right-hand side.
@@ -68,11 +73,12 @@ inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
 
 // Assembles the system of tissue, tools and workspace.contacts for the step after `state` (the rotations in
 // it are brought up to date) and solves it for workspace.increments and the tools' increments (equations.md
-// 4). tolerance and floor_m_s as in SolverSettings.
+// 4). tolerance and floor_m_s as in SolverSettings. again: the call before was for the same step, with
+// contacts that are dropped now; its tissue is taken over, and the search begins at its solution.
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s);
+                               double tolerance, double floor_m_s, bool again = false);
 
 // Force [N] of a contact on the tissue at the end of the step, by the solution in the workspace.
 Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
