@@ -115,7 +115,8 @@ int run_command(const RunOptions& options) {
     device->calibrate();
     device->arm();
   }
-  const Scene scene = make_scene(scenario, &warnings);
+  std::vector<std::string> notes;
+  const Scene scene = make_scene(scenario, &warnings, &notes);
   print_warnings(warnings);
   prepare_folder(options.out, options.force);
 
@@ -131,6 +132,7 @@ int run_command(const RunOptions& options) {
   for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
   RunWriter writer(options.out / "run.h5", header, state);
   for (const std::string& warning : warnings) writer.add_warning(warning);
+  for (const std::string& note : notes) writer.add_event(0, note);
   record_topology(scene, writer);
 
   WorkspacePtr workspace = make_workspace(scene, threads);
