@@ -125,17 +125,16 @@ void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_no
 
 template <class Real>
 void elastic_forces(const ElementData& elements, const SystemMatrix<Real>& system, std::span<double> forces) {
-  const auto count = static_cast<std::int64_t>(elements.node_mass.size());
-#pragma omp parallel for num_threads(system.threads) schedule(static)
-  for (std::int64_t i = 0; i < count; ++i) {
-    const auto n = static_cast<std::size_t>(i);
-    Real sum[3] = {};
-    for (std::int32_t k = elements.incident_start[n]; k < elements.incident_start[n + 1]; ++k) {
-      const Real* force =
-          &system.forces[4 * static_cast<std::size_t>(elements.incident[static_cast<std::size_t>(k)])];
-      for (int d = 0; d < 3; ++d) sum[d] += force[d];
-    }
-    for (std::size_t d = 0; d < 3; ++d) forces[3 * n + d] = static_cast<double>(sum[d]);
+  ForcePass<Real> pass;
+  pass.incident_start = elements.incident_start.data();
+  pass.incident = elements.incident.data();
+  pass.forces = system.forces.data();
+  pass.node_forces = forces.data();
+  const auto nodes = static_cast<std::int64_t>(elements.node_mass.size());
+#pragma omp parallel num_threads(system.threads)
+  {
+    const Range own = share(nodes, omp_get_thread_num(), system.threads);
+    system.kernels.force_pass(pass, own.first, own.last);
   }
 }
 
