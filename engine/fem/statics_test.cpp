@@ -2,10 +2,8 @@
 // 6). E = 2000 Pa, nu = 0.45 where nothing else is said.
 #include <gtest/gtest.h>
 
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <random>
 
 #include "engine/fem/test_body.h"
@@ -21,48 +19,6 @@ Material linear_material(double poisson_ratio = 0.45) {
   Material material{youngs_modulus, poisson_ratio, 1000};
   material.law = Law::linear;
   return material;
-}
-
-// Solves K u = f for a body in its rest shape with the prescribed displacements; returns u and the forces
-// that hold it, K u.
-struct Solution {
-  Eigen::VectorXd u, force;
-};
-
-Solution solve(Body& body, const std::map<int, double>& prescribed, const Eigen::VectorXd& load) {
-  const Eigen::SparseMatrix<double> k = stiffness(body);
-  std::vector<int> place(static_cast<std::size_t>(k.rows()), -1);
-  int free = 0;
-  Solution s{Eigen::VectorXd::Zero(k.rows()), {}};
-  for (int i = 0; i < k.rows(); ++i) {
-    const auto held = prescribed.find(i);
-    if (held == prescribed.end()) {
-      place[static_cast<std::size_t>(i)] = free++;
-    } else {
-      s.u[i] = held->second;
-    }
-  }
-  const Eigen::VectorXd rest = load - k * s.u;
-  Eigen::VectorXd b(free);
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int j = 0; j < k.cols(); ++j) {
-    const int column = place[static_cast<std::size_t>(j)];
-    if (column < 0) continue;
-    b[column] = rest[j];
-    for (Eigen::SparseMatrix<double>::InnerIterator it(k, j); it; ++it) {
-      const int row = place[static_cast<std::size_t>(it.row())];
-      if (row >= 0) entries.emplace_back(row, column, it.value());
-    }
-  }
-  Eigen::SparseMatrix<double> reduced(free, free);
-  reduced.setFromTriplets(entries.begin(), entries.end());
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(reduced);
-  const Eigen::VectorXd x = factor.solve(b);
-  for (int i = 0; i < k.rows(); ++i) {
-    if (place[static_cast<std::size_t>(i)] >= 0) s.u[i] = x[place[static_cast<std::size_t>(i)]];
-  }
-  s.force = k * s.u;
-  return s;
 }
 
 // Numbers of the nodes that lie in the plane axis = value.

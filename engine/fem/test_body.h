@@ -1,8 +1,10 @@
-// For tests: a body of one material with its state, its matrix and its forces, by the engine's own assembly.
+// For tests: a body with its state, its matrix and its forces, by the engine's own assembly.
 #pragma once
 
 #include <Eigen/Dense>
 #include <Eigen/Sparse>
+#include <Eigen/SparseCholesky>
+#include <map>
 
 #include "engine/fem/assembly.h"
 #include "engine/fem/rotation.h"
@@ -17,9 +19,13 @@ struct Body {
   Sparsity sparsity;
   std::vector<double> positions, velocities, rotations;
 
-  explicit Body(EmbeddingMesh m, Material material = {2000, 0.45, 1000}) : mesh(std::move(m)) {
-    const std::vector<std::int32_t> numbers(mesh.tets.size(), 0);
-    elements = build_elements(mesh, std::span(&material, 1), numbers);
+  explicit Body(EmbeddingMesh m, Material material = {2000, 0.45, 1000})
+      : Body(m, {material}, std::vector<std::int32_t>(m.tets.size(), 0)) {}
+
+  Body(EmbeddingMesh m, const std::vector<Material>& materials,
+       const std::vector<std::int32_t>& material_of_tet)
+      : mesh(std::move(m)) {
+    elements = build_elements(mesh, materials, material_of_tet);
     sparsity = build_sparsity(mesh);
     positions = flat_positions(mesh);
     velocities.assign(positions.size(), 0.0);
@@ -117,6 +123,48 @@ inline Eigen::SparseMatrix<double> stiffness(Body& body) {
   Eigen::SparseMatrix<double> k(n, n);
   k.setFromTriplets(entries.begin(), entries.end());
   return k;
+}
+
+// Solves K u = f for a body in its rest shape with the prescribed displacements; returns u and the forces
+// that hold it, K u.
+struct Solution {
+  Eigen::VectorXd u, force;
+};
+
+inline Solution solve(Body& body, const std::map<int, double>& prescribed, const Eigen::VectorXd& load) {
+  const Eigen::SparseMatrix<double> k = stiffness(body);
+  std::vector<int> place(static_cast<std::size_t>(k.rows()), -1);
+  int free = 0;
+  Solution s{Eigen::VectorXd::Zero(k.rows()), {}};
+  for (int i = 0; i < k.rows(); ++i) {
+    const auto held = prescribed.find(i);
+    if (held == prescribed.end()) {
+      place[static_cast<std::size_t>(i)] = free++;
+    } else {
+      s.u[i] = held->second;
+    }
+  }
+  const Eigen::VectorXd rest = load - k * s.u;
+  Eigen::VectorXd b(free);
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int j = 0; j < k.cols(); ++j) {
+    const int column = place[static_cast<std::size_t>(j)];
+    if (column < 0) continue;
+    b[column] = rest[j];
+    for (Eigen::SparseMatrix<double>::InnerIterator it(k, j); it; ++it) {
+      const int row = place[static_cast<std::size_t>(it.row())];
+      if (row >= 0) entries.emplace_back(row, column, it.value());
+    }
+  }
+  Eigen::SparseMatrix<double> reduced(free, free);
+  reduced.setFromTriplets(entries.begin(), entries.end());
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(reduced);
+  const Eigen::VectorXd x = factor.solve(b);
+  for (int i = 0; i < k.rows(); ++i) {
+    if (place[static_cast<std::size_t>(i)] >= 0) s.u[i] = x[place[static_cast<std::size_t>(i)]];
+  }
+  s.force = k * s.u;
+  return s;
 }
 
 }  // namespace sulcus

@@ -95,19 +95,6 @@ void expect_same(const State& a, const State& b) {
   EXPECT_EQ(a.filtered_forces, b.filtered_forces);
 }
 
-TEST(Step, FreeFallFollowsBackwardEuler) {
-  SceneDescription d = block_description(3, 0.02);
-  d.gravity = {0, 0, -9.81};
-  const Scene scene = build(std::move(d));
-  const State state = run(scene, 60, 1).back();
-  const double fall = -9.81 * 0.017 * 0.017 * 60 * 61 / 2;
-  EXPECT_NEAR(fall, -5.188215, 1e-6);
-  for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
-    EXPECT_NEAR(state.velocities[3 * n + 2], -10.0062, 1e-9);
-    EXPECT_NEAR(state.positions[3 * n + 2] - scene.mesh.rest_positions[n][2], fall, 1e-9);
-  }
-}
-
 TEST(Step, TissueAtRestStaysAtRest) {
   SceneDescription d = block_description(3, 0.02);
   d.solver.precision = Precision::single_precision;
