@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <optional>
 #include <span>
@@ -24,9 +25,10 @@ enum class Law {
 };
 
 struct Material {
-  double youngs_modulus_Pa = 1000;  // Pa, > 0
-  double poisson_ratio = 0.45;      // in (-1, 0.5)
-  double density_kg_m3 = 1000;      // kg/m^3, > 0
+  double youngs_modulus_Pa = 1000;                                         // Pa, > 0
+  double poisson_ratio = 0.45;                                             // in (-1, 0.5)
+  double density_kg_m3 = 1000;                                             // kg/m^3, > 0
+  double fracture_threshold_Pa = std::numeric_limits<double>::infinity();  // Pa, > 0; infinite: never tears
   Law law = Law::corotated;
   std::optional<RayleighDamping> damping{};  // its own, instead of the scene's
 };

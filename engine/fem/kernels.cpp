@@ -30,8 +30,11 @@ SULCUS_INLINE void gradients(const ElementPass<Real>& pass, const std::int32_t* 
 
 // Removed elements carry nothing.
 template <class Real>
-SULCUS_INLINE void remove_dead(const std::uint8_t* alive, int count, Lanes<Real>& lambda, Lanes<Real>& mu) {
-  for (int l = 0; l < count; ++l) {
+SULCUS_INLINE void remove_dead(const std::uint8_t* alive, Lanes<Real>& lambda, Lanes<Real>& mu,
+                               Turning<Real>& turning) {
+  if (std::memchr(alive, 0, static_cast<std::size_t>(turning.count)) == nullptr) return;
+  turning.alive = alive;
+  for (int l = 0; l < turning.count; ++l) {
     lambda[l] = alive[l] ? lambda[l] : Real(0);
     mu[l] = alive[l] ? mu[l] : Real(0);
   }
@@ -96,7 +99,8 @@ SULCUS_INLINE void load_elements(const ElementPass<Real>& pass, std::int64_t fir
   rest.mu = load<V>(from + 16 * 10);
   turning.count = pass.count - first < n ? static_cast<int>(pass.count - first) : n;
   turning.rotations = pass.rotations + 4 * first;
-  if (pass.alive != nullptr) remove_dead<Real>(pass.alive + first, turning.count, rest.lambda, rest.mu);
+  turning.alive = nullptr;
+  if (pass.alive != nullptr) remove_dead<Real>(pass.alive + first, rest.lambda, rest.mu, turning);
   gradients<Real>(pass, pass.nodes + block * 4 * 16 + lane, rest.g, turning.f, y);
 }
 

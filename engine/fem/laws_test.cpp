@@ -76,6 +76,28 @@ TEST(Laws, PlainLinearForceIsTheRestStiffnessTimesTheDisplacement) {
   EXPECT_LT((stiffness(body) - k).norm(), 1e-12 * k.norm());  // and it stays what it was
 }
 
+TEST(Laws, PlainLinearForceIsTheGradientOfTheEnergy) {
+  std::mt19937_64 random(53);
+  Material material{2000, 0.45, 1000};
+  material.law = Law::linear;
+  Body body(box_mesh(2, 2, 2, 0.01), material);
+  body.deform(random_rotation(random));
+  for (double& x : body.positions) x += uniform(random, -0.001, 0.001);
+  const std::vector<double> force = body.force();  // leaves the rotations at I
+  const auto energy = [&] { return elastic_energy(body.elements, body.positions, body.rotations, {}, 1); };
+  double largest = 0;
+  for (double f : force) largest = std::fmax(largest, std::fabs(f));
+  for (std::size_t i = 0; i < body.positions.size(); i += 7) {
+    const double eps = 1e-6, x = body.positions[i];
+    body.positions[i] = x + eps;
+    const double above = energy();
+    body.positions[i] = x - eps;
+    const double below = energy();
+    body.positions[i] = x;
+    EXPECT_NEAR(force[i], (above - below) / (2 * eps), 1e-6 * largest) << i;
+  }
+}
+
 TEST(Laws, AreChosenForEachElement) {
   TwoMaterials two;
   Material corotated{1000, 0.45, 1000}, linear{1000, 0.45, 1000};

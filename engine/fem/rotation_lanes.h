@@ -119,19 +119,25 @@ SULCUS_INLINE void store_quaternions(const Lanes<Real>* q, int count, double* to
 // One register's worth of elements on its way to its rotations.
 template <class Real>
 struct Turning {
-  Lanes<Real> f[9];             // deformation gradients, row major
-  Lanes<Real> q[4];             // result
-  Lanes<Real> step;             // |last step|^2
-  int count = 0;                // elements that exist
-  double* rotations = nullptr;  // [4*count] warm start in, result out
+  Lanes<Real> f[9];                     // deformation gradients, row major
+  Lanes<Real> q[4];                     // result
+  Lanes<Real> step;                     // |last step|^2
+  int count = 0;                        // elements that exist
+  double* rotations = nullptr;          // [4*count] warm start in, result out
+  const std::uint8_t* alive = nullptr;  // [count] if some are removed: those keep what they have
 };
 inline constexpr int tile_registers = 4;  // enough to hide the latency of a Newton step behind the others'
 
-// Some lanes did not converge: those through the fallback, from the rotation that they started with.
+// Some lanes did not converge, or are removed: the first through the fallback, from the rotation that they
+// started with.
 template <class Real>
 __attribute__((noinline)) void finish_lanes(Turning<Real>& t) {
   for (int l = 0; l < t.count; ++l) {
     double* rotation = t.rotations + 4 * l;
+    if (t.alive != nullptr && !t.alive[l]) {
+      for (int k = 0; k < 4; ++k) t.q[k][l] = static_cast<Real>(rotation[k]);
+      continue;
+    }
     if (t.step[l] < last_step_limit<Real>) {
       for (int k = 0; k < 4; ++k) rotation[k] = static_cast<double>(t.q[k][l]);
       continue;
@@ -152,7 +158,7 @@ SULCUS_INLINE void rotate(Turning<Real>* tile, int registers) {
   }
   for (int r = 0; r < registers; ++r) {
     Turning<Real>& t = tile[r];
-    if (all_lanes(t.step < Lanes<Real>{} + last_step_limit<Real>)) {
+    if (t.alive == nullptr && all_lanes(t.step < Lanes<Real>{} + last_step_limit<Real>)) {
       store_quaternions<Real>(t.q, t.count, t.rotations);
     } else {
       finish_lanes<Real>(t);
