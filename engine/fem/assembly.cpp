@@ -2,6 +2,9 @@
 
 #include <omp.h>
 
+#include <cassert>
+
+#include "engine/numerics/float_environment.h"
 #include "engine/numerics/team.h"
 
 namespace sulcus {
@@ -76,6 +79,7 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   SpinBarrier barrier(system.threads);
 #pragma omp parallel num_threads(system.threads)
   {
+    assert(default_float_environment());  // each thread has its own
     const int thread = omp_get_thread_num();
     const Range nodes = share(sparsity.nodes, thread, system.threads);
     for (std::int64_t i = nodes.first; i < nodes.last; ++i) {

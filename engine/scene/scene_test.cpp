@@ -6,6 +6,7 @@
 
 #include "engine/fem/test_meshes.h"
 #include "engine/numerics/error.h"
+#include "engine/numerics/float_environment.h"
 #include "engine/scene/allocation_count.h"
 #include "engine/scene/step.h"
 
@@ -243,6 +244,20 @@ TEST(Step, AllocatesNothingAfterTheFirst) {
   }
   EXPECT_GT(contacts, 10);
   EXPECT_EQ(allocation_count() - before, 0);
+}
+
+TEST(Step, RefusesAProcessorThatDropsSubnormalNumbers) {
+  const Scene scene = build(block_description({2, 2, 2}, 0.01));
+  WorkspacePtr workspace = make_workspace(scene, 1);
+  State state = initial_state(scene, {});
+  StepReport report = make_report(scene);
+  const unsigned before = _mm_getcsr();
+  _mm_setcsr(before | 0x8000);  // flush to zero
+  EXPECT_FALSE(default_float_environment());
+  EXPECT_THROW(make_workspace(scene, 1), EnvironmentError);
+  EXPECT_DEATH(step(scene, {}, state, report, *workspace), "default_float_environment");
+  _mm_setcsr(before);
+  EXPECT_TRUE(default_float_environment());
 }
 
 TEST(Step, TakesAsManyToolsAsAScenarioNames) {
