@@ -183,8 +183,8 @@ void edge_pass(const EdgePass<Real>& pass, std::int64_t first_edge, std::int64_t
     Real trace = 0;
     for (std::int32_t k = pass.edge_start[edge]; k < pass.edge_start[edge + 1]; ++k) {
       const std::int32_t item = pass.edge_items[k];
-      const Real* record = pass.records + static_cast<std::int64_t>(item >> 4) * 16;
-      const F ha = load<F>(record + (item >> 2 & 3) * 4), hb = load<F>(record + (item & 3) * 4);
+      const Real* record = pass.records + (item & ~15);
+      const F ha = load<F>(pass.records + (item & ~3)), hb = load<F>(record + (item & 3) * 4);
       const W wide_a = repeat<Real>(ha), wide_b = repeat<Real>(hb);
       const W la = record[3] * wide_a, mb = record[7] * wide_b;
       rows[0] += spread<Real, 0>(la) * wide_b + spread<Real, 0>(mb) * wide_a;
