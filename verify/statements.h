@@ -15,6 +15,8 @@ struct TornBounds {
   bool manifold = true;                                    // no singular vertex or edge in any frame
   std::optional<std::int64_t> min_elements, max_elements;  // removed by the end
   std::vector<std::int32_t> labels_stay;                   // whose cells lose no element
+  std::optional<std::int64_t> max_hanging_elements;        // in any frame
+  std::optional<double> min_hanging_energy_J;              // J, peak over the frames: that they do swing
 };
 
 // Bounds of one scenario. A statement whose bound is not given is not made; one that is made and finds
@@ -57,6 +59,8 @@ struct StatementBounds {
 //   manifold              singular vertices and edges over all frames: none; with torn->manifold
 //   torn_elements         number of elements removed by the end; with its bounds
 //   labels_stay           elements removed from cells of these labels: none (numbers "torn/label_<n>")
+//   hanging_elements      number "hanging/most_elements"; with its bound
+//   hanging_energy        number "hanging/peak_kinetic_energy_J" at least; with its bound
 //   kinetic_energy        of any step
 //   final_displacement    tissue/max_displacement_m of the last step, no tool in contact then
 //

@@ -1,6 +1,7 @@
 #include "verify/torn_statements.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/fracture/singularity.h"
 #include "engine/mesh/topology.h"
@@ -85,6 +86,21 @@ std::vector<Check> check_torn(const RunData& run, const TornBounds& bounds) {
             ? failed_check("labels_stay", statement, "the run has no cell of label " + std::to_string(label))
             : check_at_most("labels_stay", statement, lost->second, 0, "", elements,
                             "elements removed from cells of label " + std::to_string(label)));
+  }
+  const auto number = [&](const std::string& name) {
+    const auto found = run.numbers.find(name);
+    return found == run.numbers.end() ? std::nan("") : found->second;  // NaN fails
+  };
+  const auto frames = static_cast<std::int64_t>(run.frames.size());
+  if (bounds.max_hanging_elements) {
+    checks.push_back(check_at_most("hanging_elements", statement, number("hanging/most_elements"),
+                                   static_cast<double>(*bounds.max_hanging_elements), "", frames,
+                                   "most elements of a frame that hang on a vertex or an edge"));
+  }
+  if (bounds.min_hanging_energy_J) {
+    checks.push_back(check_at_least(
+        "hanging_energy", statement, number("hanging/peak_kinetic_energy_J"), *bounds.min_hanging_energy_J,
+        "J", frames, "largest kinetic energy in a frame of what hangs on a vertex or an edge"));
   }
   return checks;
 }

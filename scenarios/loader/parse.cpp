@@ -444,6 +444,10 @@ void read_checks(const json& object, Scenario& scenario) {
   read(object, "max_torn_elements", checks.max_torn_elements);
   read(object, "labels_stay", checks.labels_stay);
   read(object, "max_kinetic_energy_uJ", checks.max_kinetic_energy_J);
+  read(object, "energy_growth", checks.max_energy_growth);
+  read(object, "max_hanging_elements", checks.max_hanging_elements);
+  read(object, "min_hanging_energy_uJ", checks.min_hanging_energy_J);
+  if (checks.min_hanging_energy_J) *checks.min_hanging_energy_J *= 1e-6;
   if (checks.max_kinetic_energy_J) *checks.max_kinetic_energy_J *= 1e-6;
   if (checks.max_solver_error && scenario.measure_error_every_steps == 0) {
     scenario.warnings.push_back(

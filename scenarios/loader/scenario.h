@@ -81,7 +81,10 @@ struct Checks {
   std::optional<std::int64_t> max_inverted_elements;                 // at any recorded frame
   std::optional<std::int64_t> min_torn_elements, max_torn_elements;  // removed by the end
   std::vector<std::int32_t> labels_stay;                             // no cell of these loses an element
-  std::optional<double> max_kinetic_energy_J;                        // J, of the tissue at any step
+  std::optional<std::int64_t> max_hanging_elements;                  // on a vertex or an edge, in any frame
+  std::optional<double> min_hanging_energy_J;                        // J, peak of their kinetic energy
+  std::optional<double> max_energy_growth;     // share of the peak, while device and tools rest; none: 0.01
+  std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
 };
 
 struct ShotCamera {

@@ -1,13 +1,11 @@
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <map>
 
-#include "engine/mesh/resample.h"
 #include "engine/mesh/topology.h"
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/support.h"
+#include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"
 #include "verify/summary.h"
 
@@ -105,52 +103,6 @@ void record_topology(const Scene& scene, RunWriter& writer) {
                     static_cast<double>(voxel_pieces(meshed, scene.settings.pairs).item_count.size()));
 }
 
-// Pieces that nothing holds any more: they float, or fall where there is gravity.
-void warn_of_loose_pieces(const Scene& scene, const Pieces& pieces, RunWriter& writer) {
-  std::vector<std::uint8_t> held(pieces.item_count.size(), 0), springs(scene.free_node.size(), 0);
-  for (const NodeSpring& spring : scene.settings.springs) springs[static_cast<std::size_t>(spring.node)] = 1;
-  for (std::size_t t = 0; t < scene.mesh.tets.size(); ++t) {
-    if (pieces.piece[t] < 0) continue;
-    for (const std::int32_t node : scene.mesh.tets[t]) {
-      const auto n = static_cast<std::size_t>(node);
-      if (!scene.free_node[n] || springs[n]) held[static_cast<std::size_t>(pieces.piece[t])] = 1;
-    }
-  }
-  std::int64_t loose = 0, elements = 0;
-  for (std::size_t p = 0; p < held.size(); ++p) {
-    loose += !held[p];
-    if (!held[p]) elements += pieces.item_count[p];
-  }
-  writer.set_number("loose_pieces_at_end", static_cast<double>(loose));
-  if (loose > 0) {
-    writer.add_warning(std::to_string(loose) + " torn-off pieces of together " + std::to_string(elements) +
-                       " elements are held by nothing at the end and float");
-  }
-}
-
-// What has torn by the end.
-void record_torn(const Scene& scene, const State& state, RunWriter& writer) {
-  std::map<std::int32_t, std::int64_t> torn;
-  for (const std::int32_t label : scene.mesh.cell_label) torn[label];
-  for (std::size_t t = 0; t < state.alive.size(); ++t) {
-    const auto cell = t / static_cast<std::size_t>(scene.mesh.tets_per_cell);
-    if (!state.alive[t]) ++torn[scene.mesh.cell_label[cell]];
-  }
-  for (const auto& [label, count] : torn)
-    writer.set_number("torn/label_" + std::to_string(label), static_cast<double>(count));
-  const LabelMap left = without_torn_voxels(scene.settings.map, scene.mesh, state.alive);
-  std::int64_t voxels = 0;
-  for (std::size_t v = 0; v < left.labels.size(); ++v)
-    voxels += left.labels[v] != scene.settings.map.labels[v];
-  writer.set_number("torn_voxels", static_cast<double>(voxels));
-  const Pieces pieces = mesh_pieces(scene.mesh.tets, scene.node_count(), state.alive);
-  writer.set_number("mesh_pieces_at_end", static_cast<double>(pieces.item_count.size()));
-  if (std::count(state.alive.begin(), state.alive.end(), 1) == 0) {
-    writer.add_warning("the whole tissue is torn: raise the thresholds, or shorten the pull");
-  }
-  warn_of_loose_pieces(scene, pieces, writer);
-}
-
 }  // namespace
 
 int run_command(const RunOptions& options) {
@@ -189,6 +141,7 @@ int run_command(const RunOptions& options) {
   writer.write_frame(state, 0);
   const std::int64_t steps = scenario.steps();
   bool torn = false;
+  HangingRecord hanging;
   {
     Progress progress(scenario.name + ": steps", steps);
     for (std::int64_t n = 0; n < steps; ++n) {
@@ -216,13 +169,15 @@ int run_command(const RunOptions& options) {
         torn = true;
       }
       shots.look(state);
+      if (scene.fracture && state.step % scenario.frame_every_steps == 0)
+        look_at_hanging(scene, state, hanging);
       if (state.step % scenario.frame_every_steps == 0) writer.write_frame(state, report.time_s);
       progress.at(n + 1);
     }
   }
   for (auto& device : devices) device->close();
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
-  if (scene.fracture) record_torn(scene, state, writer);
+  if (scene.fracture) record_torn(scene, state, hanging, writer);
   writer.finish(state);
 
   if (options.pictures) render_shots(scenario, scene, shots.frames(), options.out / "pictures");
