@@ -2,6 +2,9 @@
 
 #include <omp.h>
 
+#include <cassert>
+
+#include "engine/numerics/float_environment.h"
 #include "engine/numerics/team.h"
 
 namespace sulcus {
@@ -16,6 +19,7 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
   system.node_fields.assign(8 * nodes, Real(0));
   system.records.assign(16 * padded, Real(0));
   system.forces.assign(16 * padded, Real(0));
+  system.ahead.assign(elements.beta_s.size(), Real(1));
   system.blocks.assign(12 * sparsity.edges.size(), Real(0));
   system.node_terms.assign(16 * nodes, Real(0));
   system.values.assign(9 * sparsity.block.size(), Real(0));
@@ -57,6 +61,8 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   element_pass.rest = rest_data<Real>(elements);
   element_pass.node_fields = system.node_fields.data();
   element_pass.alive = alive.empty() ? nullptr : alive.data();
+  element_pass.linear = elements.linear.empty() ? nullptr : elements.linear.data();
+  element_pass.ahead = elements.beta_s.empty() ? nullptr : system.ahead.data();
   element_pass.rotations = rotations.data();
   element_pass.records = system.records.data();
   element_pass.forces = system.forces.data();
@@ -73,6 +79,7 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   SpinBarrier barrier(system.threads);
 #pragma omp parallel num_threads(system.threads)
   {
+    assert(default_float_environment());  // each thread has its own
     const int thread = omp_get_thread_num();
     const Range nodes = share(sparsity.nodes, thread, system.threads);
     for (std::int64_t i = nodes.first; i < nodes.last; ++i) {
@@ -83,8 +90,16 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
         system.node_fields[8 * n + 4 + d] = static_cast<Real>(displacement + ahead * velocities[3 * n + d]);
       }
       Real* terms = &system.node_terms[16 * n];
-      const Real mass = static_cast<Real>(mass_scale * elements.node_mass[n]);
+      const Real mass =
+          static_cast<Real>(elements.drag_kg_s.empty() ? mass_scale * elements.node_mass[n]
+                                                       : elements.node_mass[n] + h * elements.drag_kg_s[n]);
       for (int k = 0; k < 9; ++k) terms[k] = k % 4 == 0 ? mass : Real(0);
+    }
+    const Range own_damping =
+        share(static_cast<std::int64_t>(elements.beta_s.size()), thread, system.threads);
+    for (std::int64_t i = own_damping.first; i < own_damping.last; ++i) {
+      const auto e = static_cast<std::size_t>(i);
+      system.ahead[e] = static_cast<Real>((h + elements.beta_s[e]) / ahead);
     }
     barrier.wait();
     const Range own_blocks = share(blocks, thread, system.threads);
@@ -125,17 +140,16 @@ void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_no
 
 template <class Real>
 void elastic_forces(const ElementData& elements, const SystemMatrix<Real>& system, std::span<double> forces) {
-  const auto count = static_cast<std::int64_t>(elements.node_mass.size());
-#pragma omp parallel for num_threads(system.threads) schedule(static)
-  for (std::int64_t i = 0; i < count; ++i) {
-    const auto n = static_cast<std::size_t>(i);
-    Real sum[3] = {};
-    for (std::int32_t k = elements.incident_start[n]; k < elements.incident_start[n + 1]; ++k) {
-      const Real* force =
-          &system.forces[4 * static_cast<std::size_t>(elements.incident[static_cast<std::size_t>(k)])];
-      for (int d = 0; d < 3; ++d) sum[d] += force[d];
-    }
-    for (std::size_t d = 0; d < 3; ++d) forces[3 * n + d] = static_cast<double>(sum[d]);
+  ForcePass<Real> pass;
+  pass.incident_start = elements.incident_start.data();
+  pass.incident = elements.incident.data();
+  pass.forces = system.forces.data();
+  pass.node_forces = forces.data();
+  const auto nodes = static_cast<std::int64_t>(elements.node_mass.size());
+#pragma omp parallel num_threads(system.threads)
+  {
+    const Range own = share(nodes, omp_get_thread_num(), system.threads);
+    system.kernels.force_pass(pass, own.first, own.last);
   }
 }
 

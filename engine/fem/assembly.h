@@ -11,8 +11,8 @@
 namespace sulcus {
 
 struct StepCoefficients {
-  double step_s = 0;  // h
-  RayleighDamping damping;
+  double step_s = 0;        // h
+  RayleighDamping damping;  // of elements without their own (ElementData::beta_s, drag_kg_s)
 };
 
 // Buffers of one assembly; made once for a scene. Real: float or double.
@@ -21,6 +21,7 @@ struct SystemMatrix {
   AlignedVector<Real> node_fields;                // ElementPass::node_fields
   AlignedVector<Real> records;                    // ElementPass::records
   AlignedVector<Real> forces;                     // ElementPass::forces
+  AlignedVector<Real> ahead;                      // ElementPass::ahead
   AlignedVector<Real> blocks;                     // EdgePass::blocks
   AlignedVector<Real> node_terms;                 // RowPass::node_terms
   AlignedVector<Real> values, diagonal, inverse;  // RowPass
@@ -34,7 +35,7 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
 
 // Rotations, element forces and edge blocks for the state (x, v). rest: [nodes]; positions, velocities:
 // [3*nodes]; rotations: [4*elements], updated. alive: [elements] or empty (all are). Afterwards node_terms
-// holds the diagonal terms of mass (1 + alpha h) M; callers may add to them and to blocks.
+// holds the diagonal terms of mass, (1 + alpha h) M; callers may add to them and to blocks.
 template <class Real>
 void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
                        const StepCoefficients& coefficients, std::span<const Vec3> rest,
@@ -53,8 +54,8 @@ void finish_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_no
                  SystemMatrix<Real>& system);
 
 // Elastic force on each node [3*nodes], N: sum of the element forces of the last assemble_elements, in
-// element order; that is the force the deformation x + (h + beta) v puts on the nodes' restraint, f = K y -
-// f0.
+// element order; that is the force the deformation y = x + (h + beta) v puts on the nodes' restraint, f = K y
+// - f0.
 template <class Real>
 void elastic_forces(const ElementData& elements, const SystemMatrix<Real>& system, std::span<double> forces);
 

@@ -1,6 +1,7 @@
 #include "engine/fem/elements.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -24,12 +25,45 @@ void check_material(const Material& m) {
   if (!(m.density_kg_m3 > 0) || !std::isfinite(m.density_kg_m3)) {
     refuse("density", m.density_kg_m3, "a positive number in kg/m^3");
   }
+  if (!m.damping) return;
+  if (!(m.damping->alpha_1_s >= 0) || !std::isfinite(m.damping->alpha_1_s)) {
+    refuse("Rayleigh alpha", m.damping->alpha_1_s, "zero or a positive number in 1/s");
+  }
+  if (!(m.damping->beta_s >= 0) || !std::isfinite(m.damping->beta_s)) {
+    refuse("Rayleigh beta", m.damping->beta_s, "zero or a positive number in s");
+  }
+}
+
+// The arrays that only some materials need. Elements of the padding are like the last one.
+void add_laws_and_damping(const EmbeddingMesh& mesh, std::span<const Material> materials,
+                          std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping,
+                          ElementData& data) {
+  const auto any = [&](auto&& asks) { return std::any_of(materials.begin(), materials.end(), asks); };
+  const std::size_t padded = data.nodes.size() / 4;
+  const auto material = [&](std::size_t e) -> const Material& {
+    const std::size_t tet = std::min(e, mesh.tets.size() - 1);
+    return materials[static_cast<std::size_t>(material_of_tet[tet])];
+  };
+  if (any([](const Material& m) { return m.law == Law::linear; })) {
+    for (std::size_t e = 0; e < padded; ++e) data.linear.push_back(material(e).law == Law::linear);
+  }
+  if (!any([](const Material& m) { return m.damping.has_value(); })) return;
+  for (std::size_t e = 0; e < padded; ++e)
+    data.beta_s.push_back(material(e).damping.value_or(damping).beta_s);
+  data.drag_kg_s.assign(mesh.rest_positions.size(), 0.0);
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    const double volume =
+        data.rest_double[(e / ElementData::lanes * 12 + 11) * ElementData::lanes + e % ElementData::lanes];
+    const double drag =
+        0.25 * material(e).damping.value_or(damping).alpha_1_s * material(e).density_kg_m3 * volume;
+    for (std::int32_t node : mesh.tets[e]) data.drag_kg_s[static_cast<std::size_t>(node)] += drag;
+  }
 }
 
 }  // namespace
 
 ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> materials,
-                           std::span<const std::int32_t> material_of_tet) {
+                           std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping) {
   for (const Material& material : materials) check_material(material);
   constexpr std::int64_t lanes = ElementData::lanes;
   const auto count = static_cast<std::int64_t>(mesh.tets.size());
@@ -73,6 +107,7 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
       }
     }
   }
+  add_laws_and_damping(mesh, materials, material_of_tet, damping, data);
   data.rest_single.assign(data.rest_double.begin(), data.rest_double.end());
 
   NodeStars stars = build_node_stars(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size()));

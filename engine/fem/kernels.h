@@ -6,6 +6,8 @@
 //   f_ext)
 // With h_a = R g_a (g_a: gradient of shape function a in the rest shape) the block of corners a, b is
 //   K_ab = V [lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)].
+// Where elements have a beta of their own, their records carry lambda and mu times (h + beta_e) / (h + beta).
+// What other material laws must give: engine/fem/laws.h.
 #pragma once
 
 #include <cstdint>
@@ -21,10 +23,13 @@ struct ElementPass {
   const Real* rest = nullptr;           // ElementData::rest_*
   const Real* node_fields =
       nullptr;  // [8*nodes] displacement (m) of x and of x + (h + beta) v, each padded to 4
-  const std::uint8_t* alive = nullptr;  // [elements]; nullptr: all are
-  double* rotations = nullptr;          // [4*elements] in: warm start, out: rotation of x
-  Real* records = nullptr;  // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
-  Real* forces = nullptr;   // [16*...] elastic force (N) on corners 0..3, each padded to 4
+  const std::uint8_t* alive = nullptr;   // [elements]; nullptr: all are
+  const std::uint8_t* linear = nullptr;  // [elements] 1: plain linear elasticity; nullptr: all are corotated
+  const Real* ahead =
+      nullptr;  // [elements rounded up to blocks] (h + beta_e) / (h + beta); nullptr: all are 1
+  double* rotations = nullptr;  // [4*elements] in: warm start, out: rotation of x
+  Real* records = nullptr;      // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
+  Real* forces = nullptr;       // [16*...] elastic force (N) on corners 0..3, each padded to 4
 };
 
 template <class Real>
@@ -50,10 +55,19 @@ struct RowPass {
 };
 
 template <class Real>
+struct ForcePass {
+  const std::int32_t* incident_start = nullptr;  // ElementData::incident*
+  const std::int32_t* incident = nullptr;
+  const Real* forces = nullptr;   // ElementPass::forces
+  double* node_forces = nullptr;  // [3*nodes] sum over the node's elements, in their order
+};
+
+template <class Real>
 struct FemKernels {
   void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
   void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_edge, std::int64_t last_edge) = nullptr;
   void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
+  void (*force_pass)(const ForcePass<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
 };
 
 template <class Real>

@@ -46,7 +46,7 @@ namespace {
 void block_energies(const ElementData& elements, std::span<const double> positions,
                     std::span<const double> rotations, std::int64_t block, double* energy) {
   constexpr std::int64_t lanes = ElementData::lanes;
-  double edges[9][lanes], turn[9][lanes], strain[lanes] = {}, trace[lanes] = {};
+  double edges[9][lanes], turn[9][lanes], gradient[9][lanes], strain[lanes] = {}, trace[lanes] = {};
   const std::int32_t* nodes = &elements.nodes[static_cast<std::size_t>(block * 4 * lanes)];
   const double* rest = &elements.rest_double[static_cast<std::size_t>(block * 12 * lanes)];
   for (std::int64_t l = 0; l < lanes; ++l) {
@@ -67,9 +67,20 @@ void block_energies(const ElementData& elements, std::span<const double> positio
       for (std::int64_t l = 0; l < lanes; ++l) {
         const double f = edges[i][l] * rest[j * lanes + l] + edges[3 + i][l] * rest[(3 + j) * lanes + l] +
                          edges[6 + i][l] * rest[(6 + j) * lanes + l];
+        gradient[3 * i + j][l] = f;
         const double difference = f - turn[3 * i + j][l];
         strain[l] += difference * difference;
         trace[l] += difference * turn[3 * i + j][l];
+      }
+    }
+  }
+  // plain linear elements: R = I is not the polar rotation, and the skew part of F - I is no strain
+  for (std::int64_t l = 0; !elements.linear.empty() && l < lanes; ++l) {
+    if (!elements.linear[static_cast<std::size_t>(block * lanes + l)]) continue;
+    for (int i = 0; i < 3; ++i) {
+      for (int j = i + 1; j < 3; ++j) {
+        const double skew = gradient[3 * i + j][l] - gradient[3 * j + i][l];
+        strain[l] -= 0.5 * skew * skew;
       }
     }
   }

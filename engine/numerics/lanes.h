@@ -4,6 +4,9 @@
 // elsewhere.
 #pragma once
 
+#include <immintrin.h>
+
+#include <cstdint>
 #include <cstring>
 
 #ifndef SULCUS_ISA_NAMESPACE
@@ -52,31 +55,140 @@ SULCUS_INLINE void store(Real* to, const V& v) {
   std::memcpy(to, &v, sizeof v);
 }
 
-template <class Real>
-SULCUS_INLINE void transpose(Four<Real>& a, Four<Real>& b, Four<Real>& c, Four<Real>& d) {
-  const Four<Real> ab_low = __builtin_shufflevector(a, b, 0, 4, 1, 5);
-  const Four<Real> ab_high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
-  const Four<Real> cd_low = __builtin_shufflevector(c, d, 0, 4, 1, 5);
-  const Four<Real> cd_high = __builtin_shufflevector(c, d, 2, 6, 3, 7);
-  a = __builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5);
-  b = __builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7);
-  c = __builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5);
-  d = __builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7);
+template <class Real, int count>
+struct Vector {
+  typedef Real Type __attribute__((vector_size(count * sizeof(Real))));
+};
+
+// 4x4 transposes within each group of four lanes: afterwards a holds entry 0 of the four vectors' groups, b
+// entry 1, and so on. V: 4, 8 or 16 lanes.
+template <class V>
+SULCUS_INLINE void transpose_groups(V& a, V& b, V& c, V& d) {
+  constexpr int n = sizeof(V) / sizeof(a[0]);
+  static_assert(n == 4 || n == 8 || n == 16);
+  V ab, ab_high, cd, cd_high;
+  if constexpr (n == 4) {
+    ab = __builtin_shufflevector(a, b, 0, 4, 1, 5);
+    ab_high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+    cd_high = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    a = __builtin_shufflevector(ab, cd, 0, 1, 4, 5);
+    b = __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+    c = __builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5);
+    d = __builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7);
+  } else if constexpr (n == 8) {
+    ab = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
+    ab_high = __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15);
+    cd = __builtin_shufflevector(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
+    cd_high = __builtin_shufflevector(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
+    a = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13);
+    b = __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
+    c = __builtin_shufflevector(ab_high, cd_high, 0, 1, 8, 9, 4, 5, 12, 13);
+    d = __builtin_shufflevector(ab_high, cd_high, 2, 3, 10, 11, 6, 7, 14, 15);
+  } else {
+    ab = __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
+    ab_high = __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+    cd = __builtin_shufflevector(c, d, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
+    cd_high = __builtin_shufflevector(c, d, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+    a = __builtin_shufflevector(ab, cd, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    b = __builtin_shufflevector(ab, cd, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    c = __builtin_shufflevector(ab_high, cd_high, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    d = __builtin_shufflevector(ab_high, cd_high, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+  }
 }
 
-template <class Real>
-SULCUS_INLINE Lanes<Real> square_root(const Lanes<Real>& v) {
-  constexpr int n = lane_count<Real>;
-  alignas(register_bytes) Real numbers[n];
-  store(numbers, v);
-  for (int l = 0; l < n; ++l) {
-    if constexpr (sizeof(Real) == 4) {
-      numbers[l] = __builtin_sqrtf(numbers[l]);
+// Four numbers each of the places index[0], index[4], index[8], ..., one behind the other: count numbers.
+template <class Real, int count>
+SULCUS_INLINE typename Vector<Real, count>::Type load_groups(const Real* from, int stride,
+                                                             const std::int32_t* index) {
+  if constexpr (count == 4) {
+    return load<Four<Real>>(from + stride * static_cast<std::int64_t>(index[0]));
+  } else {
+    const auto low = load_groups<Real, count / 2>(from, stride, index);
+    const auto high = load_groups<Real, count / 2>(from, stride, index + count / 2);
+    if constexpr (count == 8) {
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
     } else {
-      numbers[l] = __builtin_sqrt(numbers[l]);
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     }
   }
-  return load<Lanes<Real>>(numbers);
+}
+
+// The first three numbers at from + stride * index[lane] for every lane. Reads four: one load a lane, then
+// transposes.
+template <class Real>
+SULCUS_INLINE void gather(const Real* from, int stride, const std::int32_t* index, Lanes<Real>& x,
+                          Lanes<Real>& y, Lanes<Real>& z) {
+  constexpr int n = lane_count<Real>;
+  if constexpr (n < 4) {
+    const Real* a = from + stride * static_cast<std::int64_t>(index[0]);
+    const Real* b = from + stride * static_cast<std::int64_t>(index[1]);
+    x = Lanes<Real>{a[0], b[0]};
+    y = Lanes<Real>{a[1], b[1]};
+    z = Lanes<Real>{a[2], b[2]};
+  } else {
+    x = load_groups<Real, n>(from, stride, index);
+    y = load_groups<Real, n>(from, stride, index + 1);
+    z = load_groups<Real, n>(from, stride, index + 2);
+    Lanes<Real> fourth = load_groups<Real, n>(from, stride, index + 3);
+    transpose_groups(x, y, z, fourth);
+  }
+}
+
+// Four vectors into four neighbouring numbers of each lane: lane l to `to + stride * l`.
+template <class Real>
+SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Real> d, Real* to, int stride) {
+  constexpr int n = lane_count<Real>;
+  if constexpr (n < 4) {
+    for (int l = 0; l < n; ++l) {
+      Real* place = to + stride * l;
+      place[0] = a[l];
+      place[1] = b[l];
+      place[2] = c[l];
+      place[3] = d[l];
+    }
+  } else {
+    transpose_groups(a, b, c, d);
+    const Lanes<Real> rows[4] = {a, b, c, d};
+    for (int k = 0; k < 4; ++k) {
+      Real numbers[n];
+      store(numbers, rows[k]);
+      for (int l = 0; l < n; l += 4) std::memcpy(to + stride * (l + k), numbers + l, 4 * sizeof(Real));
+    }
+  }
+}
+
+// Correctly rounded in every lane (IEEE 754), so each instruction set gives the bits of the plain square
+// root; compilers do not find the vector instruction by themselves.
+template <class Real>
+SULCUS_INLINE Lanes<Real> square_root(const Lanes<Real>& v) {
+  if constexpr (sizeof(Real) == 4) {
+#if defined(__AVX512F__)
+    return (Lanes<Real>)_mm512_maskz_sqrt_ps(0xffff, (__m512)v);
+#elif defined(__AVX2__)
+    return (Lanes<Real>)_mm256_sqrt_ps((__m256)v);
+#else
+    return (Lanes<Real>)_mm_sqrt_ps((__m128)v);
+#endif
+  } else {
+#if defined(__AVX512F__)
+    return (Lanes<Real>)_mm512_maskz_sqrt_pd(0xff, (__m512d)v);
+#elif defined(__AVX2__)
+    return (Lanes<Real>)_mm256_sqrt_pd((__m256d)v);
+#else
+    return (Lanes<Real>)_mm_sqrt_pd((__m128d)v);
+#endif
+  }
+}
+
+// Whether a comparison of two Lanes holds in every lane.
+template <class Mask>
+SULCUS_INLINE bool all_lanes(const Mask& mask) {
+  std::int64_t words[sizeof(Mask) / 8];
+  std::memcpy(words, &mask, sizeof mask);
+  std::int64_t all = -1;
+  for (const std::int64_t word : words) all &= word;
+  return all == -1;
 }
 
 }  // namespace sulcus::SULCUS_ISA_NAMESPACE

@@ -125,7 +125,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
     const auto found = number.find(scene.mesh.cell_label[cell]);
     if (found != number.end()) material_of_tet[t] = found->second;
   }
-  scene.elements = build_elements(scene.mesh, materials, material_of_tet);
+  scene.elements = build_elements(scene.mesh, materials, material_of_tet, d.damping);
   scene.sparsity = build_sparsity(scene.mesh);
 
   scene.free_node.assign(scene.mesh.rest_positions.size(), 1);

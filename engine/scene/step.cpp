@@ -7,6 +7,8 @@
 #include <Eigen/Geometry>
 
 #include "engine/fem/stress.h"
+#include "engine/numerics/error.h"
+#include "engine/numerics/float_environment.h"
 #include "engine/scene/system.h"
 
 namespace sulcus {
@@ -206,6 +208,12 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
 
 WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   assert(threads >= 1);
+  if (!default_float_environment()) {
+    throw EnvironmentError(
+        "processor: its floating-point unit does not round to nearest or drops subnormal numbers (MXCSR); "
+        "results "
+        "would not be repeatable; a library built with -ffast-math does that: find it and leave it out");
+  }
   WorkspacePtr workspace(new Workspace);
   workspace->threads = threads;
   if (scene.settings.solver.precision == Precision::single_precision) {
@@ -254,6 +262,7 @@ StepReport make_report(const Scene& scene) {
 
 void step(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
           Workspace& workspace, StageObserver* observer) {
+  assert(default_float_environment());
   assert(samples.size() == scene.settings.tools.size() && report.tools.size() == samples.size());
   if (workspace.single) {
     step_in(scene, samples, state, report, *workspace.single, workspace, observer);

@@ -213,9 +213,11 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
   for (std::int64_t i = 0; i < count; ++i) {
     const auto n = static_cast<std::size_t>(i);
     const double mass = scene.elements.node_mass[n];
+    // materials with a damping of their own: drag instead of alpha
+    const double own_alpha = scene.elements.drag_kg_s.empty() ? alpha : scene.elements.drag_kg_s[n] / mass;
     for (std::size_t d = 0; d < 3; ++d) {
       workspace.forces[3 * n + d] =
-          h * (mass * (gravity[static_cast<Eigen::Index>(d)] - alpha * state.velocities[3 * n + d]) -
+          h * (mass * (gravity[static_cast<Eigen::Index>(d)] - own_alpha * state.velocities[3 * n + d]) -
                workspace.forces[3 * n + d]);
     }
   }

@@ -8,6 +8,8 @@ namespace {
 
 constexpr int rows = 16;
 
+#define SULCUS_MEMBER inline __attribute__((always_inline))
+
 // Sum of 16 running sums by a fixed tree.
 template <class Real>
 SULCUS_INLINE double tree_sum(const Real* sums) {
@@ -19,77 +21,38 @@ SULCUS_INLINE double tree_sum(const Real* sums) {
   return s[0];
 }
 
+#ifndef SULCUS_FREE_ORDER
+// 16 running sums, one sum a block.
+template <class Real>
+struct RunningSum {
+  alignas(64) Real running[rows] = {};
+
+  SULCUS_MEMBER void add(int l, const Lanes<Real>& v) {
+    store(running + l, load<Lanes<Real>>(running + l) + v);
+  }
+  SULCUS_MEMBER void end_block(double* sum) {
+    *sum = tree_sum(running);
+    for (Real& r : running) r = 0;
+  }
+  SULCUS_MEMBER void end(double*) {}
+};
+#else
+// What the benchmark compares with: one sum a thread, in as many parts as a register has lanes.
+template <class Real>
+struct RunningSum {
+  Lanes<Real> running{};
+
+  SULCUS_MEMBER void add(int, const Lanes<Real>& v) { running += v; }
+  SULCUS_MEMBER void end_block(double* sum) { *sum = 0; }
+  SULCUS_MEMBER void end(double* sum) {
+    for (int l = 0; l < lane_count<Real>; ++l) *sum += static_cast<double>(running[l]);
+  }
+};
+#endif
+
 SULCUS_INLINE std::int64_t last_chunk(std::int64_t block, std::int64_t chunks) {
   const std::int64_t last = (block + 1) * chunks_per_block;
   return last < chunks ? last : chunks;
-}
-
-template <class Real, int count>
-struct Vector {
-  typedef Real Type __attribute__((vector_size(count * sizeof(Real))));
-};
-
-// The packed entries of slots column[0], column[4], column[8], ..., one behind the other: count numbers.
-template <class Real, int count>
-SULCUS_INLINE typename Vector<Real, count>::Type packed_entries(const Real* packed,
-                                                                const std::int32_t* column) {
-  if constexpr (count == 4) {
-    return load<Four<Real>>(packed + 4 * static_cast<std::int64_t>(column[0]));
-  } else {
-    const auto low = packed_entries<Real, count / 2>(packed, column);
-    const auto high = packed_entries<Real, count / 2>(packed, column + count / 2);
-    if constexpr (count == 8) {
-      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
-    } else {
-      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    }
-  }
-}
-
-// x, y and z of the slots column[0 .. lanes): one load a slot, then 4x4 transposes within groups of four
-// lanes.
-template <class Real>
-SULCUS_INLINE void gather(const Real* packed, const std::int32_t* column, Lanes<Real>& x, Lanes<Real>& y,
-                          Lanes<Real>& z) {
-  using V = Lanes<Real>;
-  constexpr int n = lane_count<Real>;
-  if constexpr (n < 4) {
-    for (int k = 0; k < n; ++k) {
-      const Real* from = packed + 4 * static_cast<std::int64_t>(column[k]);
-      x[k] = from[0];
-      y[k] = from[1];
-      z[k] = from[2];
-    }
-  } else {
-    const V a = packed_entries<Real, n>(packed, column), b = packed_entries<Real, n>(packed, column + 1);
-    const V c = packed_entries<Real, n>(packed, column + 2), d = packed_entries<Real, n>(packed, column + 3);
-    if constexpr (n == 4) {
-      const V ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
-      const V ab_z = __builtin_shufflevector(a, b, 2, 6, 3, 7),
-              cd_z = __builtin_shufflevector(c, d, 2, 6, 3, 7);
-      x = __builtin_shufflevector(ab, cd, 0, 1, 4, 5);
-      y = __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
-      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 4, 5);
-    } else if constexpr (n == 8) {
-      const V ab = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
-      const V cd = __builtin_shufflevector(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
-      const V ab_z = __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15);
-      const V cd_z = __builtin_shufflevector(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
-      x = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13);
-      y = __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
-      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 8, 9, 4, 5, 12, 13);
-    } else {
-      const V ab = __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
-      const V cd = __builtin_shufflevector(c, d, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
-      const V ab_z =
-          __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
-      const V cd_z =
-          __builtin_shufflevector(c, d, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
-      x = __builtin_shufflevector(ab, cd, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
-      y = __builtin_shufflevector(ab, cd, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
-      z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
-    }
-  }
 }
 
 template <class Real>
@@ -97,8 +60,8 @@ void multiply(const RowMatrix<Real>& a, const Real* p, const Real* packed, Real*
               std::int64_t first_block, std::int64_t last_block) {
   using V = Lanes<Real>;
   constexpr int n = lane_count<Real>;
+  RunningSum<Real> sum;
   for (std::int64_t block = first_block; block < last_block; ++block) {
-    alignas(64) Real running[rows] = {};
     for (std::int64_t chunk = block * chunks_per_block; chunk < last_chunk(block, a.chunks); ++chunk) {
       const Real* own = p + chunk * 3 * rows;
       const Real* diagonal = a.diagonal + chunk * 9 * rows;
@@ -112,7 +75,7 @@ void multiply(const RowMatrix<Real>& a, const Real* p, const Real* packed, Real*
         for (std::int64_t entry = a.chunk_start[chunk]; entry < a.chunk_start[chunk + 1]; ++entry) {
           const std::int32_t* column = a.column + entry * rows + l;
           V x0, x1, x2;
-          gather<Real>(packed, column, x0, x1, x2);
+          gather<Real>(packed, 4, column, x0, x1, x2);
           const Real* values = a.values + entry * 9 * rows + l;
           for (int i = 0; i < 3; ++i) {
             const Real* v = values + 3 * i * rows;
@@ -123,19 +86,20 @@ void multiply(const RowMatrix<Real>& a, const Real* p, const Real* packed, Real*
         store(out, y[0]);
         store(out + rows, y[1]);
         store(out + 2 * rows, y[2]);
-        store(running + l, load<V>(running + l) + (px * y[0] + py * y[1] + pz * y[2]));
+        sum.add(l, px * y[0] + py * y[1] + pz * y[2]);
       }
     }
-    sums[block] = tree_sum(running);
+    sum.end_block(sums + block);
   }
+  if (first_block < last_block) sum.end(sums + first_block);
 }
 
 template <class Real>
 void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q, Real* x, Real* r, Real* z,
              double* sums, std::int64_t first_block, std::int64_t last_block) {
   using V = Lanes<Real>;
+  RunningSum<Real> sum;
   for (std::int64_t block = first_block; block < last_block; ++block) {
-    alignas(64) Real running[rows] = {};
     for (std::int64_t chunk = block * chunks_per_block; chunk < last_chunk(block, a.chunks); ++chunk) {
       const Real* inverse = a.inverse + chunk * 9 * rows;
       for (int l = 0; l < rows; l += lane_count<Real>) {
@@ -146,19 +110,20 @@ void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q,
           residual[i] = load<V>(r + at + i * rows) - alpha * load<V>(q + at + i * rows);
           store(r + at + i * rows, residual[i]);
         }
-        V sum{};
+        V product{};
         for (int i = 0; i < 3; ++i) {
           const Real* d = inverse + 3 * i * rows + l;
           const V out = load<V>(d) * residual[0] + load<V>(d + rows) * residual[1] +
                         load<V>(d + 2 * rows) * residual[2];
           store(z + at + i * rows, out);
-          sum += residual[i] * out;
+          product += residual[i] * out;
         }
-        store(running + l, load<V>(running + l) + sum);
+        sum.add(l, product);
       }
     }
-    sums[block] = tree_sum(running);
+    sum.end_block(sums + block);
   }
+  if (first_block < last_block) sum.end(sums + first_block);
 }
 
 template <class Real>
@@ -175,7 +140,7 @@ void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, Real* p
         d[i] = load<F>(z + at + i * rows) + beta * load<F>(p + at + i * rows);
         store(p + at + i * rows, d[i]);
       }
-      transpose<Real>(d[0], d[1], d[2], d[3]);
+      transpose_groups(d[0], d[1], d[2], d[3]);
       for (int k = 0; k < 4; ++k) store(packed + 4 * (chunk * rows + l + k), d[k]);
     }
   }

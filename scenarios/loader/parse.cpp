@@ -183,26 +183,33 @@ void read_label_map(const json& object, const std::filesystem::path& directory, 
   }
 }
 
-void read_material(const json& object, Material& material) {
+void read_material(const json& object, const RayleighDamping& scene_damping, Material& material) {
   read(object, "youngs_modulus_Pa", material.youngs_modulus_Pa);
   read(object, "poisson_ratio", material.poisson_ratio);
   read(object, "density_kg_m3", material.density_kg_m3);
   read(object, "fracture_threshold_Pa", material.fracture_threshold_Pa);
+  if (object.contains("law")) {
+    material.law = object["law"].get<std::string>() == "linear" ? Law::linear : Law::corotated;
+  }
+  if (!object.contains("rayleigh_alpha_1_s") && !object.contains("rayleigh_beta_s")) return;
+  if (!material.damping) material.damping = scene_damping;
+  read(object, "rayleigh_alpha_1_s", material.damping->alpha_1_s);
+  read(object, "rayleigh_beta_s", material.damping->beta_s);
 }
 
 void read_tissue(const json& object, Scenario& scenario, Problems& problems) {
   SceneDescription& scene = scenario.scene;
-  read_material(part(object, "default"), scene.material);
+  read(object, "rayleigh_alpha_1_s", scene.damping.alpha_1_s);
+  read(object, "rayleigh_beta_s", scene.damping.beta_s);
+  read_material(part(object, "default"), scene.damping, scene.material);
   for (const auto& member : part(object, "labels").items()) {
     const auto label = label_of_key(member.key(), "/tissue/labels", problems);
     if (!label) continue;
     Material material = scene.material;
-    read_material(member.value(), material);
+    read_material(member.value(), scene.damping, material);
     scene.materials[*label] = material;
     if (member.value().value("prevails", false)) scenario.prevailing_labels.push_back(*label);
   }
-  read(object, "rayleigh_alpha_1_s", scene.damping.alpha_1_s);
-  read(object, "rayleigh_beta_s", scene.damping.beta_s);
   read(object, "gravity_m_s2", scene.gravity);
 }
 

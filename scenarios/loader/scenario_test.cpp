@@ -98,6 +98,22 @@ TEST(Scenarios, AreReadInSIUnits) {
   EXPECT_TRUE(scenario.warnings.empty()) << scenario.warnings.front();
 }
 
+TEST(Scenarios, NameALawAndADampingForEachLabel) {
+  const Scenario scenario =
+      load(full_scenario(), {"/tissue/default/law=linear", "/tissue/labels/4/law=corotated",
+                             "/tissue/labels/4/rayleigh_alpha_1_s=0.5"});
+  EXPECT_EQ(scenario.scene.material.law, Law::linear);
+  EXPECT_FALSE(scenario.scene.material.damping.has_value());
+  const Material& named = scenario.scene.materials.at(4);
+  EXPECT_EQ(named.law, Law::corotated);
+  ASSERT_TRUE(named.damping.has_value());
+  EXPECT_EQ(named.damping->alpha_1_s, 0.5);
+  EXPECT_EQ(named.damping->beta_s, scenario.scene.damping.beta_s);  // what it does not name is the tissue's
+  json wrong = full_scenario();
+  wrong["tissue"]["default"]["law"] = "rubber";
+  expect_refused(wrong, {"/tissue/default/law", "rubber", "corotated", "linear"});
+}
+
 TEST(Scenarios, ResolvedTextGivesTheSameScenario) {
   const Scenario first = load(full_scenario(), {"/mesh/size_mm=2.5"});
   const Scenario second = load_scenario_text(first.resolved_json, "again", fs::temp_directory_path());

@@ -98,8 +98,8 @@ TEST(House, RoomsOfTheEngineIncludeOnlyWhatLiesBelowThem) {
         << include.file << ' ' << include.name;
     const bool extra =
         std::find(engine_extra.begin(), engine_extra.end(), std::pair(from, to)) != engine_extra.end();
-    const bool test_meshes = for_tests(include.file) && include.name == "engine/fem/test_meshes.h";
-    EXPECT_TRUE(engine_order.at(to) < engine_order.at(from) || extra || test_meshes)
+    const bool test_bodies = for_tests(include.file) && include.name.starts_with("engine/fem/test_");
+    EXPECT_TRUE(engine_order.at(to) < engine_order.at(from) || extra || test_bodies)
         << include.file << " includes " << include.name;
   }
 }
@@ -125,18 +125,38 @@ std::vector<fs::path> engine_libraries() {
   return libraries;
 }
 
-TEST(House, NoFusedMultiplyAddInTheEnginesObjectCode) {
+TEST(House, NoFusedMultiplyAddAndNoApproximateReciprocalInTheEnginesObjectCode) {
   const auto libraries = engine_libraries();
   ASSERT_GE(libraries.size(), 8u);
-  long instructions = 0;
+  long multiplications = 0;
   for (const fs::path& library : libraries) {
-    const std::string count =
-        run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'vf[n]?m(add|sub)'");
-    EXPECT_EQ(count, "0\n") << library;
-    instructions += std::atol(
-        run("objdump -d --no-show-raw-insn '" + library.string() + "' | grep -cE 'mul[ps][sd]'").c_str());
+    const std::string counts = run("objdump -d --no-show-raw-insn '" + library.string() +
+                                   "' | awk '/\\tvf[n]?m(add|sub)|\\tv?r(sqrt|cp)(14|28)?[ps][sd]/ { bad++ } "
+                                   "/mul[ps][sd]/ { good++ } END { print bad + 0, good + 0 }'");
+    long bad = -1, good = 0;
+    ASSERT_EQ(std::sscanf(counts.c_str(), "%ld %ld", &bad, &good), 2) << library << ' ' << counts;
+    EXPECT_EQ(bad, 0) << library;
+    multiplications += good;
   }
-  EXPECT_GT(instructions, 1000) << "the disassembly shows no arithmetic: the check looks at nothing";
+  EXPECT_GT(multiplications, 1000) << "the disassembly shows no arithmetic: the check looks at nothing";
+}
+
+// Eigen must not choose its own vectors, and nobody contracts: every file of the engine is compiled so.
+TEST(House, EveryFileOfTheEngineIsCompiledForTheSameBits) {
+  std::ifstream file(binary / "compile_commands.json");
+  ASSERT_TRUE(file) << binary;
+  int checked = 0;
+  for (std::string line; std::getline(file, line);) {
+    if (line.find("\"command\"") == std::string::npos || line.find("/engine/") == std::string::npos) continue;
+    for (const char* flag : {"-ffp-contract=off", "-fno-fast-math", "-mno-fma", "-DEIGEN_DONT_VECTORIZE"}) {
+      EXPECT_NE(line.find(flag), std::string::npos) << flag << ": " << line;
+    }
+    for (const char* flag : {" -ffast-math", "-Ofast", "-march=", "-mfma", "-funsafe-math"}) {
+      EXPECT_EQ(line.find(flag), std::string::npos) << flag << ": " << line;
+    }
+    ++checked;
+  }
+  EXPECT_GT(checked, 30);
 }
 
 TEST(House, TheEngineCallsNoFunctionOfTheMathLibrary) {

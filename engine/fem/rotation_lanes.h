@@ -1,0 +1,169 @@
+// Rotations of as many elements at once as a register holds: two or three warm Newton steps of the polar
+// decomposition on the quaternion, in lanes; a lane that they do not bring to a maximum goes one by one to
+// polar_rotation (Jacobi SVD). For kernel files only (engine/numerics/lanes.h).
+#pragma once
+
+#include <cstdint>
+
+#include "engine/fem/kernels.h"
+#include "engine/numerics/lanes.h"
+
+namespace sulcus::SULCUS_ISA_NAMESPACE {
+
+// Newton steps on the rotation: each squares the error; what is left above the limit goes to the fallback.
+template <class Real>
+inline constexpr int newton_steps = sizeof(Real) == 4 ? 2 : 3;
+template <class Real>
+inline constexpr Real last_step_limit = sizeof(Real) == 4 ? Real(4e-6) : Real(1e-11);  // rad^2
+
+template <class Real>
+struct Rotation {
+  Lanes<Real> r[9];
+};
+
+template <class Real>
+SULCUS_INLINE Rotation<Real> matrix_of(const Lanes<Real>* q) {
+  const Lanes<Real> s = q[0], x = q[1], y = q[2], z = q[3];
+  const Lanes<Real> x2 = x + x, y2 = y + y, z2 = z + z;
+  const Lanes<Real> xx = x * x2, yy = y * y2, zz = z * z2;
+  const Lanes<Real> xy = x * y2, xz = x * z2, yz = y * z2, sx = s * x2, sy = s * y2, sz = s * z2;
+  const Lanes<Real> one = Lanes<Real>{} + Real(1);
+  return {{one - (yy + zz), xy - sz, xz + sy, xy + sz, one - (xx + zz), yz - sx, xz - sy, yz + sx,
+           one - (xx + yy)}};
+}
+
+// One Newton step of tr(R^T F); returns |delta|^2, or a huge number where the Hessian is not positive
+// definite.
+template <class Real>
+SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
+  using V = Lanes<Real>;
+  const Rotation<Real> rot = matrix_of<Real>(q);
+  const V* r = rot.r;
+  V m[9];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) m[3 * i + j] = r[i] * f[j] + r[3 + i] * f[3 + j] + r[6 + i] * f[6 + j];
+  }
+  const V gx = m[7] - m[5], gy = m[2] - m[6], gz = m[3] - m[1];
+  const V hxx = m[4] + m[8], hyy = m[0] + m[8], hzz = m[0] + m[4];
+  const Real half = Real(0.5);
+  const V hxy = -half * (m[1] + m[3]), hxz = -half * (m[2] + m[6]), hyz = -half * (m[5] + m[7]);
+  const V axx = hyy * hzz - hyz * hyz, axy = hxz * hyz - hxy * hzz, axz = hxy * hyz - hxz * hyy;
+  const V ayy = hxx * hzz - hxz * hxz, ayz = hxy * hxz - hxx * hyz, azz = hxx * hyy - hxy * hxy;
+  const V det = hxx * axx + hxy * axy + hxz * axz;
+  const V size = m[0] * m[0] + m[4] * m[4] + m[8] * m[8] + m[1] * m[1] + m[2] * m[2] + m[5] * m[5];
+  const V zero{};
+  const auto maximum =
+      (hxx > zero) & (azz > Real(1e-4) * size) & (det * det > Real(1e-6) * size * size * size) & (det > zero);
+  const V safe_det = maximum ? det : zero + Real(1);
+  const V dx = (axx * gx + axy * gy + axz * gz) / safe_det;
+  const V dy = (axy * gx + ayy * gy + ayz * gz) / safe_det;
+  const V dz = (axz * gx + ayz * gy + azz * gz) / safe_det;
+  const V step = dx * dx + dy * dy + dz * dz;
+  const auto good = maximum & (step < zero + Real(0.25));
+  const V x = good ? half * dx : zero, y = good ? half * dy : zero, z = good ? half * dz : zero;
+  const V s0 = q[0] - q[1] * x - q[2] * y - q[3] * z;
+  const V x0 = q[1] + q[0] * x + q[2] * z - q[3] * y;
+  const V y0 = q[2] + q[0] * y + q[3] * x - q[1] * z;
+  const V z0 = q[3] + q[0] * z + q[1] * y - q[2] * x;
+  const V length = square_root<Real>(s0 * s0 + x0 * x0 + y0 * y0 + z0 * z0);
+  const V scale = Real(1) / length;
+  q[0] = s0 * scale;
+  q[1] = x0 * scale;
+  q[2] = y0 * scale;
+  q[3] = z0 * scale;
+  return good ? step : zero + Real(1e30);
+}
+
+// Quaternions of one register's elements: four doubles an element in memory, one component a vector here.
+// count: elements that exist; the lanes behind them repeat the last one and are not stored.
+template <class Real>
+SULCUS_INLINE void load_quaternions(const double* from, int count, Lanes<Real>* q) {
+  constexpr int n = lane_count<Real>;
+  alignas(64) Real numbers[4][n];
+  if (n >= 4 && count == n) {
+    for (int l = 0; l < n; l += 4) {
+      Four<Real> four[4];
+      for (int k = 0; k < 4; ++k)
+        four[k] = __builtin_convertvector(load<Four<double>>(from + 4 * (l + k)), Four<Real>);
+      transpose_groups(four[0], four[1], four[2], four[3]);
+      for (int k = 0; k < 4; ++k) store(&numbers[k][l], four[k]);
+    }
+  } else {
+    for (int l = 0; l < n; ++l) {
+      const double* element = from + 4 * (l < count ? l : count - 1);
+      for (int k = 0; k < 4; ++k) numbers[k][l] = static_cast<Real>(element[k]);
+    }
+  }
+  for (int k = 0; k < 4; ++k) q[k] = load<Lanes<Real>>(numbers[k]);
+}
+
+template <class Real>
+SULCUS_INLINE void store_quaternions(const Lanes<Real>* q, int count, double* to) {
+  constexpr int n = lane_count<Real>;
+  alignas(64) Real numbers[4][n];
+  for (int k = 0; k < 4; ++k) store(numbers[k], q[k]);
+  if (n >= 4 && count == n) {
+    for (int l = 0; l < n; l += 4) {
+      Four<Real> four[4];
+      for (int k = 0; k < 4; ++k) four[k] = load<Four<Real>>(&numbers[k][l]);
+      transpose_groups(four[0], four[1], four[2], four[3]);
+      for (int k = 0; k < 4; ++k) store(to + 4 * (l + k), __builtin_convertvector(four[k], Four<double>));
+    }
+  } else {
+    for (int l = 0; l < count; ++l) {
+      for (int k = 0; k < 4; ++k) to[4 * l + k] = static_cast<double>(numbers[k][l]);
+    }
+  }
+}
+
+// One register's worth of elements on its way to its rotations.
+template <class Real>
+struct Turning {
+  Lanes<Real> f[9];                     // deformation gradients, row major
+  Lanes<Real> q[4];                     // result
+  Lanes<Real> step;                     // |last step|^2
+  int count = 0;                        // elements that exist
+  double* rotations = nullptr;          // [4*count] warm start in, result out
+  const std::uint8_t* alive = nullptr;  // [count] if some are removed: those keep what they have
+};
+inline constexpr int tile_registers = 4;  // enough to hide the latency of a Newton step behind the others'
+
+// Some lanes did not converge, or are removed: the first through the fallback, from the rotation that they
+// started with.
+template <class Real>
+__attribute__((noinline)) void finish_lanes(Turning<Real>& t) {
+  for (int l = 0; l < t.count; ++l) {
+    double* rotation = t.rotations + 4 * l;
+    if (t.alive != nullptr && !t.alive[l]) {
+      for (int k = 0; k < 4; ++k) t.q[k][l] = static_cast<Real>(rotation[k]);
+      continue;
+    }
+    if (t.step[l] < last_step_limit<Real>) {
+      for (int k = 0; k < 4; ++k) rotation[k] = static_cast<double>(t.q[k][l]);
+      continue;
+    }
+    double gradient[9];
+    for (int k = 0; k < 9; ++k) gradient[k] = static_cast<double>(t.f[k][l]);
+    detail::polar_rotation_fallback(gradient, rotation);
+    for (int k = 0; k < 4; ++k) t.q[k][l] = static_cast<Real>(rotation[k]);
+  }
+}
+
+// Rotations of up to tile_registers registers of elements, step by step in turns.
+template <class Real>
+SULCUS_INLINE void rotate(Turning<Real>* tile, int registers) {
+  for (int r = 0; r < registers; ++r) load_quaternions<Real>(tile[r].rotations, tile[r].count, tile[r].q);
+  for (int i = 0; i < newton_steps<Real>; ++i) {
+    for (int r = 0; r < registers; ++r) tile[r].step = newton_step<Real>(tile[r].f, tile[r].q);
+  }
+  for (int r = 0; r < registers; ++r) {
+    Turning<Real>& t = tile[r];
+    if (t.alive == nullptr && all_lanes(t.step < Lanes<Real>{} + last_step_limit<Real>)) {
+      store_quaternions<Real>(t.q, t.count, t.rotations);
+    } else {
+      finish_lanes<Real>(t);
+    }
+  }
+}
+
+}  // namespace sulcus::SULCUS_ISA_NAMESPACE
