@@ -11,7 +11,8 @@ namespace sulcus {
 // Mailbox.
 struct CouplingSnapshot {
   bool valid = false;                         // false: no tool is coupled, nothing is rendered
-  double time_s = 0;                          // s, when the engine published it, on the sample's clock
+  double time_s = 0;                          // s, the moment that the pose is for: when the engine read the
+                                              // samples of that step, on the sample's clock
   Vec3 tool_position = Vec3::Zero();          // m
   Quaternion tool_orientation;                // unit, body -> world
   Vec3 tool_linear_velocity = Vec3::Zero();   // m/s

@@ -47,6 +47,7 @@ int summary_command(const fs::path& dir, const fs::path& golden) {
                 tool.max_displayed_force_N, 1e3 * tool.max_penetration_m,
                 static_cast<long long>(tool.max_contacts));
   }
+  print_session(run);
   for (const Check& check : checks)
     std::printf("%-16s %s\n", check.passed ? "holds" : "BROKEN", check.name.c_str());
   std::printf("%-16s %s\n", "fingerprint", hex16(summary.fingerprint).c_str());
