@@ -1,4 +1,7 @@
+#include <algorithm>
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
 
 #include "engine/numerics/error.h"
 #include "hw_phantom/hdapi.h"
@@ -6,18 +9,39 @@
 #include "tools/sulcus/session_devices.h"
 
 namespace sulcus {
+namespace fs = std::filesystem;
 namespace {
+
+// Names that the vendor's set-up tool has given to devices: its files <name>.config.
+std::vector<std::string> configured_phantoms() {
+  std::vector<fs::path> folders = {"/usr/share/3DSystems/config"};
+  if (const char* home = std::getenv("HOME"))
+    folders.insert(folders.begin(), fs::path(home) / ".3dsystems/config");
+  if (const char* home = std::getenv("GTDD_HOME")) folders.insert(folders.begin(), fs::path(home) / "config");
+  std::vector<std::string> names;
+  for (const fs::path& folder : folders) {
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(folder, error)) {
+      if (entry.path().extension() == ".config")
+        names.push_back(entry.path().stem().string() + " (" + folder.string() + ")");
+    }
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
 
 void list_devices(const PhantomOptions& options) {
   std::printf("%-10s the scenario's way-points; with --hand behind a hand that feels the force\n",
               "scripted");
   std::printf("%-10s a recording (run.h5) or a table (.csv), by --from\n", "recorded");
+  std::string driver = "its driver is not here; `sulcus device --check phantom` says why";
   try {
-    const hd::Api api = hd::load(options.library);
-    std::printf("%-10s Phantom Omni, Touch and relatives; driver %s\n", "phantom", api.path.c_str());
-  } catch (const EnvironmentError& error) {
-    std::printf("%-10s Phantom Omni, Touch and relatives; not here: %s\n", "phantom", error.what());
+    driver = "driver " + hd::load(options.library).path;
+  } catch (const EnvironmentError&) {  // --check tells it
   }
+  std::printf("%-10s Phantom Omni, Touch and relatives; %s\n", "phantom", driver.c_str());
+  for (const std::string& name : configured_phantoms())
+    std::printf("%-10s configured: %s\n", "", name.c_str());
 }
 
 }  // namespace

@@ -116,6 +116,11 @@ SessionOutcome run_session(const Scene& scene, const SessionPlan& plan,
   StepReport report = make_report(scene);
   StepRow row;
   StageClock stages;
+  {  // once beforehand, on a copy: the first step allocates and touches memory
+    State copy = state;
+    step(scene, samples, copy, report, *workspace);
+    make_step_row(header, report, copy, stages.seconds(), 0, row);
+  }
   Consumer consumer(hands, std::move(samples), log);
   SessionOutcome outcome;
 
