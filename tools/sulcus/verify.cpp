@@ -74,7 +74,9 @@ int report_command(const ReportOptions& options) {
       input.pictures.push_back({caption, read_png(file)});
     }
     input.reproduce = "sulcus run " + scenario.name + " --out DIR";
-    for (const std::string& override : run.header.overrides) input.reproduce += " --set '" + override + "'";
+    if (run.session) input.reproduce = "sulcus replay " + (dir / "run.h5").string();
+    for (const std::string& override : run.session ? std::vector<std::string>() : run.header.overrides)
+      input.reproduce += " --set '" + override + "'";
     inputs.push_back(std::move(input));
   }
   write_report(inputs, options.out);
