@@ -8,7 +8,10 @@ namespace {
 
 TEST(ReportOfASession, TellsDeadlinesLossesAndEveryHistogram) {
   RunData run = test::small_run(20);
-  const std::string without = report_html({{.name = "plain", .run = &run}});
+  RunReportInput input;
+  input.name = "session";
+  input.run = &run;
+  const std::string without = report_html({input});
   EXPECT_EQ(without.find("In real time"), std::string::npos);
 
   run.header.session = SessionHeader{{"Phantom <Omni>"}, {ServoSettings()}};
@@ -20,7 +23,7 @@ TEST(ReportOfASession, TellsDeadlinesLossesAndEveryHistogram) {
   run.numbers["session_missed_deadlines"] = 7;
   run.numbers["session_ticks_lost"] = 40;
   run.numbers["session_frames_lost"] = 2;
-  const std::string html = report_html({{.name = "session", .run = &run}});
+  const std::string html = report_html({input});
   for (const char* words : {"In real time", "Phantom &lt;Omni&gt;", "1,234 ticks", "7 of 20 steps missed",
                             "lost 42 records", "Servo interval", "4.2 ms", "Age of the coupling"})
     EXPECT_NE(html.find(words), std::string::npos) << words;
