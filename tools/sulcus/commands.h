@@ -51,6 +51,7 @@ struct SessionOptions {
   std::string hand;                 // scripted: light, firm, alone; empty: the script itself
   std::vector<std::string> faults;  // "name=value", of Perturbation
   std::vector<std::string> overrides;
+  double filter_Hz = -1;  // Hz, cut-off of the rendered force; negative: the tool's of the scenario
   double duration_s = 0;  // s; 0: the scenario's for scripted, else until the device or the user ends
   int threads = 0;        // 0: all but one
   bool force = false;

@@ -83,6 +83,10 @@ int command_line(int argc, char** argv) {
       ->add_option("--fault", session.faults, "name=value, spoils the device's samples (docs/devices.md)")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  session_app
+      ->add_option("--filter-Hz", session.filter_Hz,
+                   "cut-off of the rendered force, 0 for none (default: the scenario's output_filter_Hz)")
+      ->check(CLI::NonNegativeNumber);
   session_app->add_option("--duration-s", session.duration_s, "ends the session")->check(CLI::PositiveNumber);
   session_app->add_option("--threads", session.threads, "threads of the engine (default: all but one)")
       ->check(CLI::Range(1, 256));

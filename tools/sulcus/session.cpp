@@ -6,8 +6,6 @@
 #include <ctime>
 #include <limits>
 
-#include "device_sim/hand.h"
-#include "device_sim/scripted.h"
 #include "engine/numerics/error.h"
 #include "hw_phantom/emergency.h"
 #include "tools/sulcus/commands.h"
@@ -132,7 +130,7 @@ int session_command(const SessionOptions& options) {
     ClosingHands armed;
     for (std::size_t tool = 0; tool < devices.size(); ++tool) {
       ServoSettings settings;
-      settings.filter_Hz = scenario.scene.tools[tool].filter_Hz;
+      settings.filter_Hz = options.filter_Hz >= 0 ? options.filter_Hz : scenario.scene.tools[tool].filter_Hz;
       armed.hands.push_back(
           std::make_unique<Hand>(std::move(devices[tool].device), tool, settings, devices[tool].leads));
     }
