@@ -284,9 +284,10 @@ Check compare_series(const RunData& run, const std::string& name, const Json& go
   }
   for (const double value : series->values)  // min and max of a range may step over a NaN
     if (!std::isfinite(value)) difference.add(value, 0, "of a number that is not finite");
-  return check_at_most(check_name, values_kind, difference.largest, tolerance, unit, difference.comparisons,
-                       (difference.place.empty() ? "no difference" : "largest difference " + difference.place) +
-                           "; tolerance: " + basis);
+  return check_at_most(
+      check_name, values_kind, difference.largest, tolerance, unit, difference.comparisons,
+      (difference.place.empty() ? "no difference" : "largest difference " + difference.place) +
+          "; tolerance: " + basis);
 }
 
 Check compare_counts(const RunData& run, const Json& golden) {

@@ -9,6 +9,8 @@ RunHeader make_run_header(const Scene& scene) {
   RunHeader header;
   header.step_s = scene.settings.step_s;
   for (const Tool& tool : scene.settings.tools) header.tool_names.push_back(tool.name);
+  for (const PrescribedMotion& motion : scene.settings.motions) header.motion_names.push_back(motion.name);
+  header.fractures = scene.fracture != nullptr;
   header.rest_positions.reserve(3 * scene.mesh.rest_positions.size());
   for (const Vec3& position : scene.mesh.rest_positions)
     header.rest_positions.insert(header.rest_positions.end(), {position[0], position[1], position[2]});
@@ -41,6 +43,7 @@ State sized_state(const RunHeader& header) {
   state.velocities.resize(3 * nodes);
   state.rotations.resize(4 * tets);
   state.alive.resize(tets);
+  state.steps_above.resize(tets);
   state.tool_poses.resize(7 * tools);
   state.tool_momenta.resize(6 * tools);
   state.filtered_forces.resize(6 * tools);
@@ -57,6 +60,7 @@ void check_state_sizes(const State& state, const RunHeader& header, const std::s
   check("velocities", state.velocities.size(), 3 * header.node_count());
   check("rotations", state.rotations.size(), 4 * header.tet_count());
   check("alive", state.alive.size(), header.tet_count());
+  check("steps_above", state.steps_above.size(), header.tet_count());
   check("tool_poses", state.tool_poses.size(), 7 * header.tool_count());
   check("tool_momenta", state.tool_momenta.size(), 6 * header.tool_count());
   check("filtered_forces", state.filtered_forces.size(), 6 * header.tool_count());

@@ -132,6 +132,16 @@ void for_each_step_series(const StepReport& report, const State& state,
   std::int64_t alive = 0;
   for (const std::uint8_t present : state.alive) alive += present;
   number("tissue/alive_tets", "", static_cast<double>(alive));
+  if (report.fracture) {
+    number("fracture/by_criterion", "", report.fracture->by_criterion);
+    number("fracture/by_avoidance", "", report.fracture->by_avoidance);
+    number("fracture/detached", "", report.fracture->detached);
+    number("fracture/passes", "", report.fracture->passes);
+    number("fracture/margin", "", report.fracture->margin);
+    number("fracture/lost_volume_m3", "m^3", report.fracture->lost_volume_m3);
+  }
+  for (std::size_t m = 0; m < report.motion_forces.size(); ++m)
+    vector("motions/" + std::to_string(m) + "/force_N", "N", report.motion_forces[m]);
   for (std::size_t stage = 0; stage < stage_count; ++stage)
     number("stage/" + std::string(stage_names[stage]) + "_s", "s", stage_s[stage]);
   number("stage/total_s", "s", total_s);

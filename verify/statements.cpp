@@ -5,6 +5,8 @@
 #include <functional>
 #include <limits>
 
+#include "verify/torn_statements.h"
+
 namespace sulcus {
 
 namespace {
@@ -288,6 +290,16 @@ Check check_energy_at_rest(const RunData& run, const StatementBounds& bounds) {
                            : growth.place + "; " + std::to_string(growth.comparisons) + " resting steps");
 }
 
+Check check_kinetic_energy(const RunData& run, double bound_J) {
+  const Series* kinetic = series_of(run, "tissue/kinetic_energy_J", 1);
+  if (kinetic == nullptr) return unrecorded("kinetic_energy", "tissue/kinetic_energy_J");
+  Worst worst;
+  for (std::int64_t step = 0; step < run.steps; ++step)
+    worst.add(number_at(*kinetic, step), [&] { return at_step(step); });
+  return check_at_most("kinetic_energy", statement, worst.value, bound_J, "J", worst.comparisons,
+                       worst.place);
+}
+
 Check check_final_displacement(const RunData& run, double bound_m) {
   const std::string name = "final_displacement";
   const Series* displacement = series_of(run, "tissue/max_displacement_m", 1);
@@ -320,6 +332,10 @@ std::vector<Check> check_statements(const RunData& run, const StatementBounds& b
   if (bounds.min_converged_share) checks.push_back(check_converged(run, *bounds.min_converged_share));
   if (bounds.max_solver_error) checks.push_back(check_solver_error(run, *bounds.max_solver_error));
   if (bounds.max_energy_growth) checks.push_back(check_energy_at_rest(run, bounds));
+  if (bounds.torn) {
+    for (Check& check : check_torn(run, *bounds.torn)) checks.push_back(std::move(check));
+  }
+  if (bounds.max_kinetic_energy_J) checks.push_back(check_kinetic_energy(run, *bounds.max_kinetic_energy_J));
   if (bounds.max_final_displacement_m)
     checks.push_back(check_final_displacement(run, *bounds.max_final_displacement_m));
   return checks;

@@ -10,6 +10,15 @@
 
 namespace sulcus {
 
+// What has to hold of tissue that tears.
+struct TornBounds {
+  bool manifold = true;                                    // no singular vertex or edge in any frame
+  std::optional<std::int64_t> min_elements, max_elements;  // removed by the end
+  std::vector<std::int32_t> labels_stay;                   // whose cells lose no element
+  std::optional<std::int64_t> max_hanging_elements;        // in any frame
+  std::optional<double> min_hanging_energy_J;              // J, peak over the frames: that they do swing
+};
+
 // Bounds of one scenario. A statement whose bound is not given is not made; one that is made and finds
 // nothing to compare fails.
 struct StatementBounds {
@@ -20,10 +29,12 @@ struct StatementBounds {
       max_final_displacement_m;  // m, of any node from rest at the end, the tools being gone
   std::optional<double> min_converged_share = 1.0;  // share of the steps that met the solver's tolerance
   std::optional<double> max_energy_growth =
-      0.01;                       // share of the run's peak energy, see check "energy_at_rest"
-  bool contact_expected = true;   // whether a run without any contact is a failure (in scenes with a tool)
-  double rest_speed_m_s = 1e-4;   // m/s, at most: device and tool count as resting
-  double rest_spin_rad_s = 1e-2;  // rad/s, likewise
+      0.01;                        // share of the run's peak energy, see check "energy_at_rest"
+  bool contact_expected = true;    // whether a run without any contact is a failure (in scenes with a tool)
+  std::optional<TornBounds> torn;  // of scenes that fracture
+  std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
+  double rest_speed_m_s = 1e-4;                // m/s, at most: device and tool count as resting
+  double rest_spin_rad_s = 1e-2;               // rad/s, likewise
 };
 
 // The checks, in this order, kind "statement":
@@ -43,6 +54,14 @@ struct StatementBounds {
 //   converged             share of converged steps
 //   solver_error          max over solver_errors
 //   energy_at_rest        see below
+//   torn_stays_torn       no element that a frame lacks is present in a later one, nor does the number of
+//                         elements present grow from step to step; with `torn`
+//   manifold              singular vertices and edges over all frames: none; with torn->manifold
+//   torn_elements         number of elements removed by the end; with its bounds
+//   labels_stay           elements removed from cells of these labels: none (numbers "torn/label_<n>")
+//   hanging_elements      number "hanging/most_elements"; with its bound
+//   hanging_energy        number "hanging/peak_kinetic_energy_J" at least; with its bound
+//   kinetic_energy        of any step
 //   final_displacement    tissue/max_displacement_m of the last step, no tool in contact then
 //
 // energy_at_rest: E(n) = kinetic energy at the end of step n + elastic energy at the start of step n+1, so

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "engine/mesh/topology.h"
 #include "engine/numerics/error.h"
 
 namespace sulcus {
@@ -74,20 +75,9 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
   }
   data.rest_single.assign(data.rest_double.begin(), data.rest_double.end());
 
-  data.incident_start.assign(mesh.rest_positions.size() + 1, 0);
-  for (const auto& tet : mesh.tets) {
-    for (std::int32_t node : tet) ++data.incident_start[static_cast<std::size_t>(node) + 1];
-  }
-  for (std::size_t i = 1; i < data.incident_start.size(); ++i)
-    data.incident_start[i] += data.incident_start[i - 1];
-  data.incident.resize(mesh.tets.size() * 4);
-  std::vector<std::int32_t> next(data.incident_start.begin(), data.incident_start.end() - 1);
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
-    for (int a = 0; a < 4; ++a) {
-      std::int32_t& place = next[static_cast<std::size_t>(mesh.tets[e][a])];
-      data.incident[static_cast<std::size_t>(place++)] = static_cast<std::int32_t>(e) * 4 + a;
-    }
-  }
+  NodeStars stars = build_node_stars(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size()));
+  data.incident_start = std::move(stars.start);
+  data.incident = std::move(stars.incident);
   return data;
 }
 

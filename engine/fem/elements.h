@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <span>
 #include <vector>
@@ -12,9 +13,10 @@ namespace sulcus {
 
 // A linear elastic material. Laws that need more join here.
 struct Material {
-  double youngs_modulus_Pa = 1000;  // Pa, > 0
-  double poisson_ratio = 0.45;      // in (-1, 0.5)
-  double density_kg_m3 = 1000;      // kg/m^3, > 0
+  double youngs_modulus_Pa = 1000;                                         // Pa, > 0
+  double poisson_ratio = 0.45;                                             // in (-1, 0.5)
+  double density_kg_m3 = 1000;                                             // kg/m^3, > 0
+  double fracture_threshold_Pa = std::numeric_limits<double>::infinity();  // Pa, > 0; infinite: never tears
 };
 
 struct RayleighDamping {

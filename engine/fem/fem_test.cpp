@@ -68,7 +68,7 @@ struct Body {
       rotations[4 * t + 2] = q.y;
       rotations[4 * t + 3] = q.z;
     }
-    return elastic_energy(elements, mesh.rest_positions, positions, rotations, {}, 1);
+    return elastic_energy(elements, positions, rotations, {}, 1);
   }
 };
 

@@ -169,7 +169,9 @@ void element_pass(const ElementPass<Real>& pass, std::int64_t first_block, std::
       for (int i = 0; i < newton_steps<Real>; ++i) step = newton_step<Real>(f, q);
       for (int l = 0; l < valid; ++l) {
         double* to = pass.rotations + 4 * (first + l);
-        if (step[l] < last_step_limit<Real>) {
+        if (pass.alive != nullptr && !pass.alive[first + l]) {  // removed: no stiffness, so any unit quaternion
+          for (int k = 0; k < 4; ++k) q[k][l] = static_cast<Real>(to[k]);
+        } else if (step[l] < last_step_limit<Real>) {
           for (int k = 0; k < 4; ++k) to[k] = static_cast<double>(q[k][l]);
         } else {
           double fallback_f[9];

@@ -39,30 +39,63 @@ Mat3 deformation_gradient(const ElementData& elements, std::span<const Vec3> res
   return f;
 }
 
-double elastic_energy(const ElementData& elements, std::span<const Vec3> rest,
-                      std::span<const double> positions, std::span<const double> rotations,
-                      std::span<const std::uint8_t> alive, int threads) {
-  constexpr std::int64_t block = 256;
-  const std::int64_t blocks = (elements.count + block - 1) / block;
-  constexpr std::int64_t batch = 64;  // blocks whose sums are kept at a time, without allocation
+namespace {
+
+// Elastic energy of a block of 16 elements, one after the other. With the polar rotation R, |S - I|^2 is
+// |F - R|^2 and tr(S - I) is R : F - 3.
+void block_energies(const ElementData& elements, std::span<const double> positions,
+                    std::span<const double> rotations, std::int64_t block, double* energy) {
+  constexpr std::int64_t lanes = ElementData::lanes;
+  double edges[9][lanes], turn[9][lanes], strain[lanes] = {}, trace[lanes] = {};
+  const std::int32_t* nodes = &elements.nodes[static_cast<std::size_t>(block * 4 * lanes)];
+  const double* rest = &elements.rest_double[static_cast<std::size_t>(block * 12 * lanes)];
+  for (std::int64_t l = 0; l < lanes; ++l) {
+    const std::int64_t element = std::min(block * lanes + l, elements.count - 1);
+    const double* q = &rotations[static_cast<std::size_t>(4 * element)];
+    const Mat3 r = rotation_matrix({q[0], q[1], q[2], q[3]});
+    const double* x0 = &positions[3 * static_cast<std::size_t>(nodes[l])];
+    for (int a = 1; a < 4; ++a) {
+      const double* x = &positions[3 * static_cast<std::size_t>(nodes[a * lanes + l])];
+      for (int i = 0; i < 3; ++i) {
+        edges[3 * (a - 1) + i][l] = x[i] - x0[i];
+        turn[3 * (a - 1) + i][l] = r(a - 1, i);
+      }
+    }
+  }
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      for (std::int64_t l = 0; l < lanes; ++l) {
+        const double f = edges[i][l] * rest[j * lanes + l] + edges[3 + i][l] * rest[(3 + j) * lanes + l] +
+                         edges[6 + i][l] * rest[(6 + j) * lanes + l];
+        const double difference = f - turn[3 * i + j][l];
+        strain[l] += difference * difference;
+        trace[l] += difference * turn[3 * i + j][l];
+      }
+    }
+  }
+  for (std::int64_t l = 0; l < lanes; ++l) {
+    energy[l] = rest[10 * lanes + l] * strain[l] + 0.5 * rest[9 * lanes + l] * trace[l] * trace[l];
+  }
+}
+
+}  // namespace
+
+double elastic_energy(const ElementData& elements, std::span<const double> positions,
+                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads) {
+  constexpr std::int64_t lanes = ElementData::lanes;
+  const std::int64_t blocks = (elements.count + lanes - 1) / lanes;
+  constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
   double total = 0;
   for (std::int64_t first = 0; first < blocks; first += batch) {
     double sums[batch] = {};
     const std::int64_t last = std::min(first + batch, blocks);
 #pragma omp parallel for num_threads(threads) schedule(static)
     for (std::int64_t b = first; b < last; ++b) {
-      double sum = 0;
-      for (std::int64_t e = b * block; e < std::min((b + 1) * block, elements.count); ++e) {
-        if (!present(alive, e)) continue;
-        const double* q = &rotations[static_cast<std::size_t>(4 * e)];
-        const Mat3 m = rotation_matrix({q[0], q[1], q[2], q[3]}).transpose() *
-                       deformation_gradient(elements, rest, positions, e);
-        const Mat3 strain = 0.5 * (m + m.transpose()) - Mat3::Identity();
-        const double trace = strain(0, 0) + strain(1, 1) + strain(2, 2);
-        sum += rest_value(elements, e, 10) * strain.squaredNorm() +
-               0.5 * rest_value(elements, e, 9) * trace * trace;
+      double energy[lanes];
+      block_energies(elements, positions, rotations, b, energy);
+      for (std::int64_t l = 0; l < std::min(lanes, elements.count - b * lanes); ++l) {
+        if (present(alive, b * lanes + l)) sums[b - first] += energy[l];
       }
-      sums[b - first] = sum;
     }
     for (double sum : sums) total += sum;
   }

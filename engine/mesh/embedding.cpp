@@ -152,16 +152,19 @@ EmbeddingMesh build_embedding(const LabelMap& map, const SeparationPairs& pairs,
 }
 
 std::int32_t locate_tet_in_cell(const EmbeddingMesh& mesh, std::int32_t cell, const Vec3& point_voxel,
-                                std::array<double, 4>& weights) {
+                                std::array<double, 4>& weights, std::span<const std::uint8_t> alive) {
   const Index3& position = mesh.cell_position[cell];
   Vec3 local;  // in the cell's unit cube
   for (int a = 0; a < 3; ++a) local[a] = (point_voxel[a] + 0.5) / mesh.voxels_per_cell[a] - position[a];
+  const auto first = static_cast<std::ptrdiff_t>(cell) * mesh.tets_per_cell;
+  const auto whole = alive.empty() ? alive : alive.subspan(first, mesh.tets_per_cell);
+  const bool any = std::count(whole.begin(), whole.end(), std::uint8_t{1}) > 0;
   std::int32_t best = 0, number = 0;
   double best_smallest = -std::numeric_limits<double>::infinity();
   for (const CornerTet& corners : cell_tets(mesh.split, mesh.mirrored, position)) {
     const std::array<double, 4> w = corner_tet_weights(corners, local);
     const double smallest = std::min({w[0], w[1], w[2], w[3]});
-    if (smallest > best_smallest) {
+    if ((!any || whole[number]) && smallest > best_smallest) {
       best_smallest = smallest;
       best = number;
       weights = w;

@@ -14,6 +14,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "engine/volume/label_map.h"
@@ -58,8 +59,9 @@ EmbeddingMesh build_embedding(const LabelMap& map, const SeparationPairs& pairs,
 
 // The tetrahedron (rest shape) of copy `cell` that holds the point given in voxel coordinates; points outside
 // the cell get the tetrahedron whose smallest barycentric coordinate is largest; ties go to the lowest
-// number. Writes the barycentric coordinates.
+// number. Writes the barycentric coordinates. alive ([tets] or empty = all): removed ones are passed over,
+// unless the cell has no other.
 std::int32_t locate_tet_in_cell(const EmbeddingMesh& mesh, std::int32_t cell, const Vec3& point_voxel,
-                                std::array<double, 4>& weights);
+                                std::array<double, 4>& weights, std::span<const std::uint8_t> alive = {});
 
 }  // namespace sulcus

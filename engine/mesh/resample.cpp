@@ -233,6 +233,29 @@ TissueImage locate_tissue(const LabelMap& map, const EmbeddingMesh& mesh,
   return TissueFinder(map, mesh, node_positions, alive, wanted).find();
 }
 
+LabelMap without_torn_voxels(const LabelMap& map, const EmbeddingMesh& mesh,
+                             std::span<const std::uint8_t> alive) {
+  LabelMap left = map;
+  const auto per_cell = static_cast<std::size_t>(mesh.tets_per_cell);
+  std::vector<std::uint8_t> torn(mesh.cell_nodes.size(), 0);  // cells that have lost an element
+  for (std::size_t t = 0; t < alive.size(); ++t) {
+    if (!alive[t]) torn[t / per_cell] = 1;
+  }
+  for (int k = 0; k < map.size[2]; ++k) {
+    for (int j = 0; j < map.size[1]; ++j) {
+      for (int i = 0; i < map.size[0]; ++i) {
+        const std::size_t voxel = map.index(i, j, k);
+        const std::int32_t cell = mesh.cell_of_voxel[voxel];
+        if (cell < 0 || !torn[static_cast<std::size_t>(cell)]) continue;
+        std::array<double, 4> weights;
+        const std::int32_t tet = locate_tet_in_cell(mesh, cell, Vec3(i, j, k), weights);
+        if (!alive[static_cast<std::size_t>(tet)]) left.labels[voxel] = 0;
+      }
+    }
+  }
+  return left;
+}
+
 std::vector<std::int32_t> resample_labels(const LabelMap& map, const TissueImage& tissue, std::int32_t fill) {
   std::vector<std::int32_t> labels(tissue.voxel.size());
   for (std::size_t v = 0; v < labels.size(); ++v) {

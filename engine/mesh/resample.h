@@ -40,6 +40,11 @@ TissueImage locate_tissue(const LabelMap& map, const EmbeddingMesh& mesh,
                           std::span<const double> node_positions, std::span<const std::uint8_t> alive,
                           const ImageGeometry& wanted);
 
+// The map with the voxels emptied that lie in removed elements: each voxel's centre in the element, at rest,
+// of the cell that owns it. alive: [tets].
+LabelMap without_torn_voxels(const LabelMap& map, const EmbeddingMesh& mesh,
+                             std::span<const std::uint8_t> alive);
+
 // Labels of the wanted image: those of the source voxels, never mixed.
 std::vector<std::int32_t> resample_labels(const LabelMap& map, const TissueImage& tissue, std::int32_t fill);
 

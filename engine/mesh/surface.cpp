@@ -93,7 +93,7 @@ class SurfaceBuilder {
     }
   }
 
-  EmbeddedSurface embed() const {
+  EmbeddedSurface embed(std::span<const std::uint8_t> alive) const {
     EmbeddedSurface surface;
     const auto count = static_cast<std::ptrdiff_t>(vertices_.size());
     surface.rest_positions.resize(vertices_.size());
@@ -104,7 +104,7 @@ class SurfaceBuilder {
       const Vec3 point = position(static_cast<std::int32_t>(v));
       std::array<double, 4> weights{};
       surface.rest_positions[v] = map_.to_world(point);
-      surface.tet[v] = locate_tet_in_cell(mesh_, mesh_.cell_of_voxel[anchor(v)], point, weights);
+      surface.tet[v] = locate_tet_in_cell(mesh_, mesh_.cell_of_voxel[anchor(v)], point, weights, alive);
       for (int n = 0; n < 4; ++n) surface.weights[v][n] = static_cast<float>(weights[n]);
     }
     surface.triangles.reserve(quads_.size() * 2);
@@ -255,11 +255,12 @@ class SurfaceBuilder {
 }  // namespace
 
 EmbeddedSurface build_embedded_surface(const LabelMap& map, const SeparationPairs& pairs,
-                                       const EmbeddingMesh& mesh, int smoothing_passes) {
+                                       const EmbeddingMesh& mesh, int smoothing_passes,
+                                       std::span<const std::uint8_t> alive) {
   SurfaceBuilder builder(map, pairs, mesh);
   builder.find_faces();
   builder.smooth(smoothing_passes);
-  return builder.embed();
+  return builder.embed(alive);
 }
 
 std::vector<double> deform_surface(const EmbeddedSurface& surface, const EmbeddingMesh& mesh,

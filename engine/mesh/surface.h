@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "engine/mesh/embedding.h"
@@ -22,9 +23,10 @@ struct EmbeddedSurface {
 };
 
 // Boundary faces of the labelled voxels, vertices smoothed within half a voxel (smoothing_passes, 0 =
-// blocky).
+// blocky). alive: [tets] or empty = all; vertices ride on elements that are present where their cell has any.
 EmbeddedSurface build_embedded_surface(const LabelMap& map, const SeparationPairs& pairs,
-                                       const EmbeddingMesh& mesh, int smoothing_passes);
+                                       const EmbeddingMesh& mesh, int smoothing_passes,
+                                       std::span<const std::uint8_t> alive = {});
 
 // World positions [3*vertices] of the surface for given node positions [3*nodes], both xyz interleaved, m.
 std::vector<double> deform_surface(const EmbeddedSurface& surface, const EmbeddingMesh& mesh,

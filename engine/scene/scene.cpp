@@ -62,6 +62,36 @@ void check(const SceneDescription& d, std::int64_t nodes) {
     if (node < 0 || node >= nodes) refuse("a node number", node, "one below " + std::to_string(nodes));
   };
   for (std::int32_t node : d.fixed_nodes) check_node(node);
+  std::vector<std::uint8_t> taken(static_cast<std::size_t>(nodes), 0);
+  for (std::int32_t node : d.fixed_nodes) taken[static_cast<std::size_t>(node)] = 1;
+  for (const PrescribedMotion& motion : d.motions) {
+    const std::string name = "motion \"" + motion.name + "\": ";
+    if (motion.path.empty()) throw InputError("scene: " + name + "it has no path");
+    for (const auto& place : motion.path) {
+      if (!place.shift.allFinite() || !rotation_matrix(place.turn).allFinite()) {
+        throw InputError("scene: " + name + "its path is not finite");
+      }
+    }
+    for (std::int32_t node : motion.nodes) {
+      check_node(node);
+      std::uint8_t& held = taken[static_cast<std::size_t>(node)];
+      if (held) {
+        throw InputError("scene: " + name + "node " + std::to_string(node) +
+                         " is fixed or moved already; give each node one boundary condition");
+      }
+      held = 1;
+    }
+  }
+  if (d.fracture) {
+    if (d.fracture->steps_above < 1 || d.fracture->steps_above > 255) {
+      refuse("fracture: the number of steps above the threshold", d.fracture->steps_above, "1 to 255");
+    }
+    if (!d.tools.empty() && d.detection == ContactDetection::embedded_vertices) {
+      throw InputError(
+          "scene: contact by embedded vertices does not follow torn tissue; use surface nodes in scenes that "
+          "fracture");
+    }
+  }
   for (const NodeSpring& spring : d.springs) {
     check_node(spring.node);
     check_not_negative("a spring's stiffness (N/m)", spring.stiffness_N_m);
@@ -96,9 +126,21 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
 
   scene.free_node.assign(scene.mesh.rest_positions.size(), 1);
   for (std::int32_t node : d.fixed_nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;
+  for (const PrescribedMotion& motion : d.motions) {
+    for (std::int32_t node : motion.nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;
+  }
+  if (d.fracture) {
+    scene.fracture =
+        std::make_unique<const FractureData>(build_fracture_data(scene.elements, materials, material_of_tet));
+  }
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
   for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));
-  if (!d.tools.empty()) {
+  if (!d.tools.empty() && d.detection == ContactDetection::surface_nodes) {
+    scene.face_neighbours = face_neighbours(scene.mesh.tets);
+    for (const Tool& tool : d.tools) {
+      scene.tool_distances.push_back(build_rigid_distance(tool.surface, distance_spacing(tool.surface)));
+    }
+  } else if (!d.tools.empty()) {
     scene.distance = std::make_unique<const DistanceField>(build_distance_field(d.map, d.pairs));
   }
   return scene;

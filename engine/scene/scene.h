@@ -5,12 +5,15 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "engine/contact/embedded.h"
+#include "engine/contact/surface_nodes.h"
 #include "engine/fem/elements.h"
 #include "engine/fem/sparsity.h"
+#include "engine/fracture/fracture.h"
 #include "engine/mesh/embedding.h"
 #include "engine/solver/conjugate_gradients.h"
 #include "engine/tool/rigid_body.h"
@@ -33,6 +36,24 @@ struct Tool {
   double filter_Hz = 0;  // Hz, cut-off of the displayed force; 0 = no filter
 };
 
+// Nodes that follow a path, whatever force that takes: at the end of step k (the first is 0) a node with the
+// rest position X stands at centre + R_k (X - centre) + shift_k.
+struct PrescribedMotion {
+  struct Place {
+    Vec3 shift = Vec3::Zero();  // m
+    Quaternion turn;            // unit; R
+  };
+  std::string name;
+  std::vector<std::int32_t> nodes;
+  Vec3 centre = Vec3::Zero();  // m
+  std::vector<Place> path;     // one a step; the last holds for all later steps
+};
+
+enum class ContactDetection {
+  embedded_vertices,  // tool vertices inside the embedded volume (contact/embedded.h)
+  surface_nodes,      // nodes of the mesh's boundary inside the tool (contact/surface_nodes.h)
+};
+
 // What a scene is built from. Plain data in SI units; the caller has read and checked files and keys.
 struct SceneDescription {
   LabelMap map;
@@ -44,8 +65,11 @@ struct SceneDescription {
   Vec3 gravity = Vec3::Zero();            // m/s^2
   std::vector<std::int32_t> fixed_nodes;  // held at rest
   std::vector<NodeSpring> springs;        // to the rest position
+  std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
   ContactLaw contact;
+  ContactDetection detection = ContactDetection::embedded_vertices;
+  std::optional<FractureSettings> fracture;  // none: no stress is computed, nothing tears
   SolverSettings solver;
   double step_s = 0.033;  // s, time step h > 0
   bool energies = true;   // whether the energy of the tissue is reported at each step
@@ -56,11 +80,18 @@ struct Scene {
   EmbeddingMesh mesh;
   ElementData elements;
   Sparsity sparsity;
-  std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool
-  std::vector<double> filter_alpha;               // [tools]
-  std::vector<std::uint8_t> free_node;            // [nodes] 1: moves, 0: held at rest
-  double total_mass_kg = 0;                       // kg, of the tissue
+  std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool and embedded_vertices
+  std::vector<RigidDistance> tool_distances;      // [tools], only with surface_nodes
+  std::vector<std::array<std::int32_t, 4>> face_neighbours;  // [tets], likewise
+  std::unique_ptr<const FractureData> fracture;              // only in scenes that fracture
+  std::vector<double> filter_alpha;                          // [tools]
+  std::vector<std::uint8_t> free_node;                       // [nodes] 1: moves, 0: held at rest or on a path
+  double total_mass_kg = 0;                                  // kg, of the tissue
 
+  MeshStars stars() const { return {mesh.tets, elements.incident_start, elements.incident}; }
+  BoundaryMesh boundary_mesh() const {
+    return {mesh.tets, face_neighbours, elements.incident_start, elements.incident};
+  }
   std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
@@ -68,7 +99,8 @@ struct Scene {
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
 // caller can choose nodes by position first. Throws InputError for what cannot be simulated (negative
 // stiffness, nu outside
-// (-1, 0.5), no mass, a node number out of range, a time step of zero, a tool that is not finite).
+// (-1, 0.5), no mass, a node number out of range, a time step of zero, a tool that is not finite, a node both
+// fixed and on a path, fracture with a detection that cannot follow torn tissue).
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh);
 
 }  // namespace sulcus

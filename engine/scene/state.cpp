@@ -15,6 +15,12 @@ State initial_state(const Scene& scene, std::span<const DeviceSample> samples) {
   state.rotations.assign(scene.mesh.tets.size() * 4, 0.0);
   for (std::size_t t = 0; t < scene.mesh.tets.size(); ++t) state.rotations[4 * t] = 1;
   state.alive.assign(scene.mesh.tets.size(), 1);
+  if (scene.settings.fracture && scene.settings.fracture->avoid_singularities) {
+    FractureScratch scratch;
+    scratch.star = make_star_scratch(scene.stars());
+    clear_singularities(scene.stars(), state.alive, scratch);
+  }
+  state.steps_above.assign(scene.mesh.tets.size(), 0);
   for (const DeviceSample& sample : samples) {
     const Quaternion q = normalised(sample.orientation);
     for (double value : {sample.position[0], sample.position[1], sample.position[2], q.s, q.x, q.y, q.z}) {

@@ -18,9 +18,19 @@ void WorkspaceDeleter::operator()(Workspace* workspace) const {
 namespace {
 
 void find_contacts(const Scene& scene, const State& state, Workspace& workspace) {
+  const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
+  if (scene.fracture || (by_nodes && !scene.settings.tools.empty())) {
+    update(scene, state.alive, workspace.view);
+  }
   workspace.contacts.clear();
   for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
     const RigidBodyState tool = tool_state(state, t);
+    if (by_nodes) {
+      find_node_contacts(scene.boundary_mesh(), present(scene, state), workspace.view.boundary,
+                         state.positions, scene.tool_distances[t], tool, static_cast<std::int32_t>(t),
+                         workspace.contacts);
+      continue;
+    }
     const Mat3 rotation = rotation_matrix(tool.orientation);
     const auto& vertices = scene.settings.tools[t].surface.vertices;
     workspace.vertices.resize(vertices.size());
@@ -58,8 +68,8 @@ void report_contacts(const Scene& scene, const State& state, const Workspace& wo
 }
 
 void report_elastic_energy(const Scene& scene, const State& state, int threads, StepReport& report) {
-  report.elastic_energy_J = elastic_energy(scene.elements, scene.mesh.rest_positions, state.positions,
-                                           state.rotations, {}, threads);
+  report.elastic_energy_J =
+      elastic_energy(scene.elements, state.positions, state.rotations, present(scene, state), threads);
   for (const NodeSpring& spring : scene.settings.springs) {
     const Vec3 stretch = node_vector(state.positions, spring.node) -
                          scene.mesh.rest_positions[static_cast<std::size_t>(spring.node)];
@@ -133,10 +143,24 @@ bool update_tool(const Scene& scene, const DeviceSample& sample, std::size_t t, 
   return finite;
 }
 
+// Removes what tears. Nodes that no element holds any more stay where they are.
+void tear_tissue(const Scene& scene, State& state, Workspace& workspace, StepReport& report) {
+  report.fracture =
+      tear(scene.elements, *scene.fracture, *scene.settings.fracture, scene.stars(),
+           scene.mesh.rest_positions, state.positions, state.alive, state.steps_above, workspace.fracture);
+  for (std::int32_t element : workspace.fracture.removed) {
+    for (std::int32_t node : scene.mesh.tets[static_cast<std::size_t>(element)]) {
+      if (!is_orphan(scene, state.alive, node)) continue;
+      const auto n = static_cast<std::size_t>(node);
+      for (std::size_t d = 0; d < 3; ++d) state.velocities[3 * n + d] = 0;
+    }
+  }
+}
+
 template <class Real>
 void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
              Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
-  if (!scene.settings.tools.empty()) find_contacts(scene, state, workspace);
+  find_contacts(scene, state, workspace);
   for (ToolReport& tool : report.tools) tool = ToolReport{};
   for (const Contact& contact : workspace.contacts) {
     double& depth = report.tools[static_cast<std::size_t>(contact.tool)].max_penetration_m;
@@ -154,7 +178,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
                       drop_pulling_contacts(scene, state, workspace, report);
        ++again) {
     result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
-                                settings.velocity_floor_m_s);
+                                settings.velocity_floor_m_s, true);
     report.iterations += result.iterations;
   }
   report.residual = result.residual;
@@ -170,7 +194,12 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
   report.step = state.step;
   ++state.step;
   report.time_s = static_cast<double>(state.step) * scene.settings.step_s;
+  std::copy(workspace.motion_forces.begin(), workspace.motion_forces.end(), report.motion_forces.begin());
   if (observer != nullptr) observer->stage_done(Stage::update);
+  if (scene.fracture) {
+    tear_tissue(scene, state, workspace, report);
+    if (observer != nullptr) observer->stage_done(Stage::fracture);
+  }
 }
 
 }  // namespace
@@ -188,6 +217,15 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   workspace->forces.assign(3 * nodes, 0.0);
   workspace->increments.assign(3 * nodes, 0.0);
   workspace->tools.resize(scene.settings.tools.size());
+  workspace->motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
+  if (scene.fracture)
+    workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
+  if (scene.settings.detection == ContactDetection::surface_nodes && !scene.settings.tools.empty()) {
+    workspace->row_of_node.assign(nodes, -1);
+    workspace->touched.reserve(nodes);
+    workspace->contacts.reserve(nodes * scene.settings.tools.size());
+    return workspace;
+  }
   std::size_t vertices = 0, most = 0;
   for (const Tool& tool : scene.settings.tools) {
     vertices += tool.surface.vertices.size();
@@ -209,6 +247,8 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
 StepReport make_report(const Scene& scene) {
   StepReport report;
   report.tools.resize(scene.settings.tools.size());
+  report.motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
+  if (scene.fracture) report.fracture.emplace();
   return report;
 }
 
@@ -226,7 +266,7 @@ double measure_solver_error(const Scene& scene, std::span<const DeviceSample> sa
                             int threads) {
   State copy = state;
   WorkspacePtr workspace = make_workspace(scene, threads);
-  if (!scene.settings.tools.empty()) find_contacts(scene, copy, *workspace);
+  find_contacts(scene, copy, *workspace);
   // the scene's own solve
   const SolverSettings& settings = scene.settings.solver;
   if (workspace->single) {

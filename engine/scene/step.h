@@ -1,12 +1,16 @@
 // One time step: backward Euler of tissue and tools as one symmetric positive definite system (equations.md
 // 4).
 //
-//   sample -> contacts -> assembly -> solve -> update -> coupling
+//   sample -> contacts -> assembly -> solve -> update, coupling -> fracture
+//
+// What tears at the end of a step is missing from all that the next one does; the state after the step, and
+// so what is recorded and drawn of it, has it removed already.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -17,10 +21,10 @@
 
 namespace sulcus {
 
-enum class Stage : int { contacts, assembly, solve, update };
-inline constexpr int stage_count = 4;
+enum class Stage : int { contacts, assembly, solve, update, fracture };
+inline constexpr int stage_count = 5;
 inline constexpr std::array<const char*, stage_count> stage_names = {"contacts", "assembly", "solve",
-                                                                     "update"};
+                                                                     "update", "fracture"};
 
 // Told when a stage ends; the place for clocks, which the engine itself does not read. Must not throw.
 struct StageObserver {
@@ -52,6 +56,8 @@ struct StepReport {
   double kinetic_energy_J = 0;  // J, tissue, at the end of the step (0 unless the scene asks for energies)
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
+  std::vector<Vec3> motion_forces;         // [motions] N, that the nodes of the path exert on the tissue
+  std::optional<FractureReport> fracture;  // in scenes that fracture
 };
 
 // Scratch memory of step(): its content never influences a result.
@@ -63,7 +69,7 @@ using WorkspacePtr = std::unique_ptr<Workspace, WorkspaceDeleter>;
 WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa = widest_isa());
 
 // Advances `state` by scene.settings.step_s. samples: one a tool, the device at the END of the step.
-// Neither allocates (after the first step) nor throws. report.tools must have one entry a tool (make_report).
+// Neither allocates (after the first step) nor throws. report comes from make_report.
 void step(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
           Workspace& workspace, StageObserver* observer = nullptr);
 StepReport make_report(const Scene& scene);

@@ -75,6 +75,48 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
   tool.right_hand_side -= tool.matrix * tool.velocity;
 }
 
+// Calls visit(numbers, their saved copy) for all that the tissue's part holds at a contact's nodes and edges.
+template <class Real, class Visit>
+void for_each_saved(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace, std::size_t contact,
+                    Visit&& visit) {
+  const auto tet = static_cast<std::size_t>(numbers.saved_tets[contact]);
+  for (std::size_t k = 0; k < 6; ++k) {
+    const auto edge = static_cast<std::size_t>(scene.sparsity.tet_edges[6 * tet + k]);
+    visit(std::span(&numbers.system.blocks[12 * edge], 12),
+          std::span(&numbers.saved_blocks[12 * (6 * contact + k)], 12));
+  }
+  for (std::size_t c = 0; c < 4; ++c) {
+    const auto node = static_cast<std::size_t>(scene.mesh.tets[tet][c]);
+    visit(std::span(&numbers.system.node_terms[16 * node], 9),
+          std::span(&numbers.saved_terms[9 * (4 * contact + c)], 9));
+    visit(std::span(&workspace.forces[3 * node], 3),
+          std::span(&numbers.saved_forces[3 * (4 * contact + c)], 3));
+  }
+}
+
+template <class Real>
+void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
+  const std::size_t count = workspace.contacts.size();
+  numbers.saved_tets.clear();
+  for (const Contact& contact : workspace.contacts) numbers.saved_tets.push_back(contact.tet);
+  numbers.saved_blocks.resize(72 * count);
+  numbers.saved_terms.resize(36 * count);
+  numbers.saved_forces.resize(12 * count);
+  for (std::size_t c = 0; c < count; ++c) {
+    for_each_saved(scene, numbers, workspace, c,
+                   [](auto now, auto saved) { std::copy(now.begin(), now.end(), saved.begin()); });
+  }
+}
+
+// Backwards, so that of several copies of a place the first one saved is the last one restored.
+template <class Real>
+void restore_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
+  for (std::size_t c = numbers.saved_tets.size(); c-- > 0;) {
+    for_each_saved(scene, numbers, workspace, c,
+                   [](auto now, auto saved) { std::copy(saved.begin(), saved.end(), now.begin()); });
+  }
+}
+
 // Adds the contacts to matrix, tool blocks, borders and right-hand sides.
 template <class Real>
 void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& numbers, Workspace& workspace) {
@@ -90,9 +132,10 @@ void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& nu
     rows.clear();
     for (const Contact& contact : workspace.contacts) {
       if (contact.tool != static_cast<std::int32_t>(t)) continue;
-      for (std::int32_t node : scene.mesh.tets[static_cast<std::size_t>(contact.tet)]) {
+      for (std::size_t c = 0; c < 4; ++c) {
+        const std::int32_t node = scene.mesh.tets[static_cast<std::size_t>(contact.tet)][c];
         std::int32_t& row = workspace.row_of_node[static_cast<std::size_t>(node)];
-        if (row < 0 && scene.free_node[static_cast<std::size_t>(node)]) {
+        if (row < 0 && contact.weights[c] != 0) {
           row = 0;
           workspace.touched.push_back(node);
         }
@@ -124,6 +167,7 @@ void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& nu
 
       const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
       for (std::size_t c = 0; c < 4; ++c) {
+        if (contact.weights[c] == 0) continue;
         const auto node = static_cast<std::size_t>(nodes[c]);
         for (std::size_t d = 0; d < 3; ++d) {
           workspace.forces[3 * node + d] += contact.weights[c] * push[static_cast<Eigen::Index>(d)];
@@ -133,7 +177,6 @@ void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& nu
           for (int j = 0; j < 3; ++j)
             terms[3 * i + j] += static_cast<Real>(weight * contact.weights[c] * n(i, j));
         }
-        if (workspace.row_of_node[node] < 0) continue;
         auto& b = rows[static_cast<std::size_t>(workspace.row_of_node[node])].b;
         const Mat36 block = (-weight * contact.weights[c]) * (n * jacobian);
         for (int i = 0; i < 3; ++i) {
@@ -144,8 +187,10 @@ void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& nu
       for (std::size_t k = 0; k < 6; ++k) {
         const double scale = weight * contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
                              contact.weights[static_cast<std::size_t>(corner_pairs[k][1])];
-        add_edge_block(numbers.system,
-                       scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k], scale * n);
+        if (scale != 0) {
+          add_edge_block(numbers.system,
+                         scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k], scale * n);
+        }
       }
     }
     for (std::int32_t node : workspace.touched) workspace.row_of_node[static_cast<std::size_t>(node)] = -1;
@@ -158,7 +203,8 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
   const double h = scene.settings.step_s;
   const StepCoefficients coefficients{h, scene.settings.damping};
   assemble_elements<Real>(scene.elements, scene.sparsity, coefficients, scene.mesh.rest_positions,
-                          state.positions, state.velocities, {}, state.rotations, numbers.system);
+                          state.positions, state.velocities, present(scene, state), state.rotations,
+                          numbers.system);
   elastic_forces<Real>(scene.elements, numbers.system, workspace.forces);
   const double alpha = scene.settings.damping.alpha_1_s;
   const Vec3& gravity = scene.settings.gravity;
@@ -186,9 +232,56 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
   }
 }
 
+// Place of entry d of a node in a solver vector.
+std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size_t d) {
+  const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)]);
+  return (slot / 16 * 3 + d) * 16 + slot % 16;
+}
+
+// The increments that bring the nodes on paths to where they shall be at the end of the step.
 template <class Real>
-SolveResult solve(const Scene& scene, double tolerance, double floor_m_s, Numbers<Real>& numbers,
-                  Workspace& workspace) {
+void prescribe(const Scene& scene, const State& state, SolverWorkspace<Real>& solver) {
+  for (const PrescribedMotion& motion : scene.settings.motions) {
+    const auto next = static_cast<std::size_t>(state.step) + 1;
+    const auto& place = motion.path[std::min(next, motion.path.size() - 1)];
+    const Mat3 turn = rotation_matrix(place.turn);
+    for (std::int32_t node : motion.nodes) {
+      const Vec3 rest = scene.mesh.rest_positions[static_cast<std::size_t>(node)] - motion.centre;
+      const Vec3 way = motion.centre + turn * rest + place.shift - node_vector(state.positions, node);
+      const Vec3 increment = way / scene.settings.step_s - node_vector(state.velocities, node);
+      for (std::size_t d = 0; d < 3; ++d) {
+        solver.prescribed[solver_entry(scene, node, d)] =
+            static_cast<Real>(increment[static_cast<Eigen::Index>(d)]);
+      }
+    }
+  }
+}
+
+// Makes the last solution the place where the next search begins.
+template <class Real>
+void guess_last_solution(SolverWorkspace<Real>& solver) {
+  for (std::size_t i = 0; i < solver.guess.size(); ++i) {
+    solver.guess[i] = solver.prescribed.empty() ? solver.x[i] : solver.x[i] - solver.prescribed[i];
+  }
+}
+
+// What holds the nodes on their paths: the residual there.
+template <class Real>
+void sum_motion_forces(const Scene& scene, const SolverWorkspace<Real>& solver, Workspace& workspace) {
+  for (std::size_t m = 0; m < scene.settings.motions.size(); ++m) {
+    Vec3 impulse = Vec3::Zero();
+    for (std::int32_t node : scene.settings.motions[m].nodes) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        impulse[static_cast<Eigen::Index>(d)] -= static_cast<double>(solver.r[solver_entry(scene, node, d)]);
+      }
+    }
+    workspace.motion_forces[m] = impulse / scene.settings.step_s;
+  }
+}
+
+template <class Real>
+SolveResult solve(const Scene& scene, const State& state, double tolerance, double floor_m_s,
+                  Numbers<Real>& numbers, Workspace& workspace) {
   // eliminate the tools: b - B C^-1 c
   auto& solver = numbers.solver;
   const std::int64_t slots = scene.sparsity.chunks * 16;
@@ -218,6 +311,8 @@ SolveResult solve(const Scene& scene, double tolerance, double floor_m_s, Number
     }
   }
 
+  if (!scene.settings.motions.empty()) prescribe(scene, state, solver);
+
   RowMatrix<Real> matrix;
   matrix.chunks = scene.sparsity.chunks;
   matrix.chunk_start = scene.sparsity.chunk_start.data();
@@ -228,6 +323,7 @@ SolveResult solve(const Scene& scene, double tolerance, double floor_m_s, Number
   const double floor = floor_m_s * std::sqrt(scene.total_mass_kg);
   const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
                                                  scene.settings.solver.max_iterations, solver);
+  sum_motion_forces(scene, solver, workspace);
 
 #pragma omp parallel for num_threads(workspace.threads) schedule(static)
   for (std::int64_t slot = 0; slot < slots; ++slot) {
@@ -266,9 +362,23 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   auto numbers = std::make_unique<Numbers<Real>>();
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
+  if (!scene.settings.tools.empty() && scene.settings.contact.tension_rule) {
+    numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
+    std::size_t contacts = 0;
+    for (const Tool& tool : scene.settings.tools) contacts += tool.surface.vertices.size();
+    if (scene.settings.detection == ContactDetection::surface_nodes)
+      contacts = scene.mesh.rest_positions.size() * scene.settings.tools.size();
+    numbers->saved_tets.reserve(contacts);
+    numbers->saved_blocks.reserve(72 * contacts);
+    numbers->saved_terms.reserve(36 * contacts);
+    numbers->saved_forces.reserve(12 * contacts);
+  }
+  if (!scene.settings.motions.empty()) numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
   numbers->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
-    numbers->borders[t].rows.reserve(4 * scene.settings.tools[t].surface.vertices.size());
+    const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
+    numbers->borders[t].rows.reserve(by_nodes ? scene.mesh.rest_positions.size()
+                                              : 4 * scene.settings.tools[t].surface.vertices.size());
   }
   return numbers;
 }
@@ -290,22 +400,31 @@ Vec3 contact_force(const Scene& scene, const State& state, const Contact& contac
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s) {
-  assemble_tissue(scene, state, numbers, workspace);
+                               double tolerance, double floor_m_s, bool again) {
+  numbers.solver.use_guess = again;
+  if (again) guess_last_solution(numbers.solver);
+  if (again) {
+    restore_tissue(scene, numbers, workspace);
+  } else {
+    assemble_tissue(scene, state, numbers, workspace);
+    if (!numbers.solver.guess.empty()) save_tissue(scene, numbers, workspace);
+  }
   for (std::size_t t = 0; t < workspace.tools.size(); ++t)
     assemble_tool(scene, samples[t], state, t, workspace);
   assemble_contacts(scene, state, numbers, workspace);
-  finish_rows<Real>(scene.sparsity, scene.free_node, numbers.system);
+  finish_rows<Real>(scene.sparsity, scene.fracture ? workspace.view.free_node : scene.free_node,
+                    numbers.system);
   if (observer != nullptr) observer->stage_done(Stage::assembly);
-  const SolveResult result = solve(scene, tolerance, floor_m_s, numbers, workspace);
+  const SolveResult result = solve(scene, state, tolerance, floor_m_s, numbers, workspace);
   if (observer != nullptr) observer->stage_done(Stage::solve);
   return result;
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                     \
-  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                \
-  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&, \
-                                                Numbers<Real>&, Workspace&, StageObserver*, double, double);
+#define SULCUS_INSTANTIATE(Real)                                                                            \
+  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                       \
+  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,        \
+                                                Numbers<Real>&, Workspace&, StageObserver*, double, double, \
+                                                bool);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)
 #undef SULCUS_INSTANTIATE

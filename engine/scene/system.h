@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "engine/fem/assembly.h"
+#include "engine/scene/alive_view.h"
 #include "engine/scene/step.h"
 #include "engine/solver/conjugate_gradients.h"
 
@@ -20,6 +21,11 @@ struct Numbers {
   SystemMatrix<Real> system;
   SolverWorkspace<Real> solver;
   std::vector<ToolBorder<Real>> borders;  // [tools]
+  // What the tissue's part holds where contacts will be added, so that a repeated solve need not assemble the
+  // tissue again. Four nodes and six edges a contact.
+  std::vector<Real> saved_blocks, saved_terms;  // [6*12*contacts], [4*9*contacts]
+  std::vector<double> saved_forces;             // [4*3*contacts] N s
+  std::vector<std::int32_t> saved_tets;         // [contacts]
 };
 
 // The 6x6 part of the step's system that belongs to one tool (equations.md 4), and its right-hand side.
@@ -46,10 +52,18 @@ struct Workspace {
   std::vector<ToolSystem> tools;
   std::vector<std::int32_t> touched;      // nodes in contact with one tool, by slot
   std::vector<std::int32_t> row_of_node;  // [nodes] -1 or number in `touched`
+  AliveView view;                         // of scenes that fracture or touch by nodes
+  FractureScratch fracture;               // of scenes that fracture
+  std::vector<Vec3> motion_forces;        // [motions] N
 };
 
 template <class Real>
 std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa);
+
+// The elements that are present; empty (all are) in scenes that do not fracture.
+inline std::span<const std::uint8_t> present(const Scene& scene, const State& state) {
+  return scene.fracture ? std::span<const std::uint8_t>(state.alive) : std::span<const std::uint8_t>();
+}
 
 // Entry `node` of an array [3*nodes], xyz interleaved.
 inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
@@ -59,11 +73,12 @@ inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
 
 // Assembles the system of tissue, tools and workspace.contacts for the step after `state` (the rotations in
 // it are brought up to date) and solves it for workspace.increments and the tools' increments (equations.md
-// 4). tolerance and floor_m_s as in SolverSettings.
+// 4). tolerance and floor_m_s as in SolverSettings. again: the call before was for the same step, with
+// contacts that are dropped now; its tissue is taken over, and the search begins at its solution.
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s);
+                               double tolerance, double floor_m_s, bool again = false);
 
 // Force [N] of a contact on the tissue at the end of the step, by the solution in the workspace.
 Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,

@@ -119,15 +119,8 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       r[i] = workspace.b[static_cast<std::size_t>(i)];
     }
     kernels.advance(matrix, Real(0), p, q, x, r, z, workspace.rz.data(), own.first, own.last);  // z = D^-1 b
-    kernels.direct(matrix, Real(0), z, p, packed, own.first, own.last);                         // p = z
-    barrier.wait();
-
-    double rz = ordered_sum(workspace.rz);
-    const double start = std::sqrt(rz);
-    const double goal = std::fmax(tolerance * start, floor);
-    int iteration = 0;
-    bool broken = !std::isfinite(rz);
-    while (!broken && std::sqrt(rz) > goal && iteration < max_iterations) {
+    // q = A p for p as `direct` left it; returns p . A p
+    const auto multiply = [&] {
       std::array<double, 6> y;
       double border_term = 0;
       kernels.multiply(matrix, p, packed, q, workspace.pq.data(), own.first, own.last);
@@ -136,7 +129,31 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         subtract_border(border, y, own_chunks, q);
       }
       barrier.wait();
-      const double pq = ordered_sum(workspace.pq) - border_term;
+      return ordered_sum(workspace.pq) - border_term;
+    };
+    const auto add_to_start = [&](const Real* part) {
+      kernels.direct(matrix, Real(0), part, p, packed, own.first, own.last);
+      barrier.wait();
+      multiply();
+      kernels.advance(matrix, Real(1), p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+    };
+    if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
+    barrier.wait();
+    double rz = ordered_sum(workspace.rz);
+    const double start = std::sqrt(rz);
+    if (workspace.use_guess) {
+      add_to_start(workspace.guess.data());
+      barrier.wait();
+      rz = ordered_sum(workspace.rz);
+    }
+    kernels.direct(matrix, Real(0), z, p, packed, own.first, own.last);  // p = z
+    barrier.wait();
+
+    const double goal = std::fmax(tolerance * start, floor);
+    int iteration = 0;
+    bool broken = !std::isfinite(rz);
+    while (!broken && std::sqrt(rz) > goal && iteration < max_iterations) {
+      const double pq = multiply();
       if (!(pq > 0) || !std::isfinite(pq)) {
         broken = true;
         break;

@@ -41,7 +41,11 @@ template <class Real>
 struct SolverWorkspace {
   AlignedVector<Real> b, x, r, z, p, q;  // solver vectors, 48 entries a chunk
   AlignedVector<Real> packed;            // p once more, four numbers a slot
-  std::vector<double> pq, rz;            // one sum a block
+  // Start of x. `prescribed` (empty, or as b): what x shall be at held nodes, zero elsewhere. `guess` (empty,
+  // or as b): where the search begins at free nodes, zero at held ones; used if use_guess.
+  AlignedVector<Real> prescribed, guess;
+  bool use_guess = false;
+  std::vector<double> pq, rz;  // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;
 };
@@ -57,8 +61,12 @@ struct SolveResult {
 template <class Real>
 SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, int threads);
 
-// Solves for workspace.x from workspace.b, starting at zero. floor: smallest |r| that counts (norm as above).
-// Cost of an iteration: one product with the matrix, one pass over five vectors.
+// Solves for workspace.x from workspace.b, starting at workspace.prescribed + workspace.guess. |b| is that of
+// the free nodes after the prescribed values have gone to the right-hand side, so a guess does not change the
+// goal. At held nodes workspace.r ends as b - A x: the impulse that holds them, with the opposite sign.
+// floor: smallest |r| that counts (norm as above).
+// Cost of an iteration: one product with the matrix, one pass over five vectors; of prescribed values or a
+// guess one such iteration each.
 template <class Real>
 SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
                                 double tolerance, double floor, int max_iterations,

@@ -14,6 +14,10 @@ namespace {
 
 constexpr double border_m = 1e-9;  // m, a region's border belongs to it in spite of rounding
 
+bool within(const Vec3& point, const Vec3& low, const Vec3& high) {
+  return (point.array() >= low.array() - border_m).all() && (point.array() <= high.array() + border_m).all();
+}
+
 std::string place_of(const Scenario& scenario) {
   return scenario.path.empty() ? "scenario " + scenario.name : scenario.path.string();
 }
@@ -28,6 +32,51 @@ struct ReadSource {
 
 struct Operate {
   LabelMap& map;
+  const SeparationPairs& pairs;
+
+  void operator()(const PaintBoxOperation& box) const {
+    for (int k = 0; k < map.size[2]; ++k) {
+      for (int j = 0; j < map.size[1]; ++j) {
+        for (int i = 0; i < map.size[0]; ++i) {
+          std::int32_t& label = map.labels[map.index(i, j, k)];
+          if (label != 0 && within(map.to_world(Vec3(i, j, k)), box.min_m, box.max_m)) label = box.label;
+        }
+      }
+    }
+  }
+
+  // Grows from the voxels at the faces of pairs, a voxel at a time, within the labelled ones.
+  void operator()(const LayerOperation& layer) const {
+    const std::array<int, 3> step = {1, map.size[0], map.size[0] * map.size[1]};
+    const std::vector<std::int32_t> before = map.labels;
+    std::vector<std::uint8_t> chosen(before.size(), 0);
+    const auto for_faces = [&](auto&& visit) {
+      for (int k = 0; k < map.size[2]; ++k) {
+        for (int j = 0; j < map.size[1]; ++j) {
+          for (int i = 0; i < map.size[0]; ++i) {
+            const Index3 at{i, j, k};
+            const std::size_t voxel = map.index(i, j, k);
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+              if (at[axis] + 1 < map.size[axis]) visit(voxel, voxel + static_cast<std::size_t>(step[axis]));
+            }
+          }
+        }
+      }
+    };
+    for_faces([&](std::size_t a, std::size_t b) {
+      if (before[a] != 0 && before[b] != 0 && before[a] != before[b] && pairs.contains(before[a], before[b]))
+        chosen[a] = chosen[b] = 1;
+    });
+    for (int round = 1; round < layer.voxels; ++round) {
+      const std::vector<std::uint8_t> inner = chosen;
+      for_faces([&](std::size_t a, std::size_t b) {
+        if (inner[a] != inner[b] && before[a] != 0 && before[b] != 0) chosen[a] = chosen[b] = 1;
+      });
+    }
+    for (std::size_t v = 0; v < chosen.size(); ++v) {
+      if (chosen[v]) map.labels[v] = layer.label;
+    }
+  }
 
   void operator()(const RelabelOperation& relabel) const {
     const std::set<std::int32_t> from(relabel.from.begin(), relabel.from.end());
@@ -47,10 +96,7 @@ struct Operate {
     for (int k = 0; k < map.size[2]; ++k) {
       for (int j = 0; j < map.size[1]; ++j) {
         for (int i = 0; i < map.size[0]; ++i) {
-          const Vec3 centre = map.to_world(Vec3(i, j, k));
-          const bool inside = (centre.array() >= box.min_m.array() - border_m).all() &&
-                              (centre.array() <= box.max_m.array() + border_m).all();
-          if (!inside) map.labels[map.index(i, j, k)] = 0;
+          if (!within(map.to_world(Vec3(i, j, k)), box.min_m, box.max_m)) map.labels[map.index(i, j, k)] = 0;
         }
       }
     }
@@ -66,9 +112,7 @@ std::vector<std::int32_t> nodes_in(const NodeRegion& region, const EmbeddingMesh
     const Vec3& position = mesh.rest_positions[node];
     low = low.cwiseMin(position);
     high = high.cwiseMax(position);
-    const bool inside = (position.array() >= region.min_m.array() - border_m).all() &&
-                        (position.array() <= region.max_m.array() + border_m).all();
-    if (inside) nodes.push_back(static_cast<std::int32_t>(node));
+    if (within(position, region.min_m, region.max_m)) nodes.push_back(static_cast<std::int32_t>(node));
   }
   if (nodes.empty()) {
     std::string extent;
@@ -111,8 +155,39 @@ void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescri
                          " nodes have a spring of an earlier region, which stays");
     }
   }
-  if (description.fixed_nodes.empty() && description.springs.empty()) {
+  for (const MotionRegion& region : scenario.motions) {
+    PrescribedMotion motion{region.name, {}, region.centre_m, {}};
+    std::size_t held = 0;
+    for (const std::int32_t node : nodes_in(region.nodes, mesh, scenario)) {
+      std::uint8_t& taken = fixed[static_cast<std::size_t>(node)];
+      held += taken;
+      if (!taken) motion.nodes.push_back(node);
+      taken = 1;
+    }
+    if (held > 0) {
+      warnings.push_back(region.nodes.place + ": " + std::to_string(held) +
+                         " nodes are fixed, or moved by an earlier region, which stays");
+    }
+    const ScriptedPath path(region.script);
+    for (std::int64_t n = 0; n <= scenario.steps(); ++n) {
+      const HandMotion at = path.at(static_cast<double>(n) * scenario.scene.step_s);
+      motion.path.push_back({at.position, at.orientation});
+    }
+    description.motions.push_back(std::move(motion));
+  }
+  if (description.fixed_nodes.empty() && description.springs.empty() && description.motions.empty()) {
     warnings.push_back("/boundary: nothing holds the tissue; it will float");
+  }
+}
+
+// Cells with any voxel of a prevailing label are made of it, of the first such label in ascending order.
+void prefer_labels(const LabelMap& map, std::vector<std::int32_t> labels, EmbeddingMesh& mesh) {
+  std::sort(labels.rbegin(), labels.rend());
+  for (const std::int32_t label : labels) {
+    for (std::size_t v = 0; v < map.labels.size(); ++v) {
+      const std::int32_t cell = mesh.cell_of_voxel[v];
+      if (map.labels[v] == label && cell >= 0) mesh.cell_label[static_cast<std::size_t>(cell)] = label;
+    }
   }
 }
 
@@ -192,7 +267,8 @@ void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vecto
 
 LabelMap load_label_map(const Scenario& scenario) {
   LabelMap map = std::visit(ReadSource{}, scenario.map_source);
-  for (const LabelOperation& operation : scenario.map_operations) std::visit(Operate{map}, operation);
+  for (const LabelOperation& operation : scenario.map_operations)
+    std::visit(Operate{map, scenario.scene.pairs}, operation);
   if (std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; })) {
     throw InputError(place_of(scenario) + ": /label_map/operations: they leave no labelled voxel");
   }
@@ -207,6 +283,7 @@ Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings) {
   check_labels(scenario, description.map, told);
   check_tool_starts(scenario, description.map, told);
   EmbeddingMesh mesh = build_embedding(description.map, description.pairs, description.embedding);
+  if (!scenario.prevailing_labels.empty()) prefer_labels(description.map, scenario.prevailing_labels, mesh);
   hold_nodes(scenario, mesh, description, told);
   return build_scene(std::move(description), std::move(mesh));
 }

@@ -140,6 +140,19 @@ void read_label_map(const json& object, const std::filesystem::path& directory, 
     } else if (operation.contains("keep_labels")) {
       scenario.map_operations.emplace_back(
           KeepLabelsOperation{operation["keep_labels"].get<std::vector<std::int32_t>>()});
+    } else if (operation.contains("paint_box_mm")) {
+      const json& paint = operation["paint_box_mm"];
+      PaintBoxOperation box;
+      read_mm(paint, "min", box.min_m);
+      read_mm(paint, "max", box.max_m);
+      read(paint, "label", box.label);
+      check_box(box.min_m, box.max_m, pointer + "/paint_box_mm", problems);
+      scenario.map_operations.emplace_back(box);
+    } else if (operation.contains("layer_between_pairs")) {
+      LayerOperation layer;
+      read(operation["layer_between_pairs"], "label", layer.label);
+      read(operation["layer_between_pairs"], "voxels", layer.voxels);
+      scenario.map_operations.emplace_back(layer);
     } else {
       KeepBoxOperation box;
       read_mm(operation["keep_box_mm"], "min", box.min_m);
@@ -154,9 +167,11 @@ void read_material(const json& object, Material& material) {
   read(object, "youngs_modulus_Pa", material.youngs_modulus_Pa);
   read(object, "poisson_ratio", material.poisson_ratio);
   read(object, "density_kg_m3", material.density_kg_m3);
+  read(object, "fracture_threshold_Pa", material.fracture_threshold_Pa);
 }
 
-void read_tissue(const json& object, SceneDescription& scene, Problems& problems) {
+void read_tissue(const json& object, Scenario& scenario, Problems& problems) {
+  SceneDescription& scene = scenario.scene;
   read_material(part(object, "default"), scene.material);
   for (const auto& member : part(object, "labels").items()) {
     const auto label = label_of_key(member.key(), "/tissue/labels", problems);
@@ -164,6 +179,7 @@ void read_tissue(const json& object, SceneDescription& scene, Problems& problems
     Material material = scene.material;
     read_material(member.value(), material);
     scene.materials[*label] = material;
+    if (member.value().value("prevails", false)) scenario.prevailing_labels.push_back(*label);
   }
   read(object, "rayleigh_alpha_1_s", scene.damping.alpha_1_s);
   read(object, "rayleigh_beta_s", scene.damping.beta_s);
@@ -201,6 +217,26 @@ NodeRegion read_region(const json& object, const std::string& pointer, Problems&
   return region;
 }
 
+ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
+                               const std::string& pointer, Problems& problems);
+
+void read_motions(const json& list, Scenario& scenario, Problems& problems) {
+  std::set<std::string> names;
+  for (const json& object : list) {
+    const std::string pointer = "/boundary/motions/" + std::to_string(scenario.motions.size());
+    MotionRegion motion;
+    read(object, "name", motion.name);
+    if (!names.insert(motion.name).second)
+      problems.push_back(pointer + "/name: \"" + motion.name + "\" is taken");
+    motion.nodes = read_region(object, pointer, problems);
+    read_mm(object, "centre_mm", motion.centre_m);
+    motion.script = read_script(object["waypoints"], "shift_mm",
+                                static_cast<double>(scenario.steps()) * scenario.scene.step_s,
+                                pointer + "/waypoints", problems);
+    scenario.motions.push_back(std::move(motion));
+  }
+}
+
 void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
   std::size_t number = 0;
   for (const json& region : object.value("fixed", json::array())) {
@@ -213,6 +249,7 @@ void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
     read(spring, "damping_N_s_m", springs.damping_N_s_m);
     scenario.springs.push_back(springs);
   }
+  read_motions(object.value("motions", json::array()), scenario, problems);
 }
 
 ToolSurface read_shape(const json& object) {
@@ -262,8 +299,9 @@ void read_inertia(const json& value, Mat3& inertia, const std::string& pointer, 
   }
 }
 
-ScriptedTrajectory read_script(const json& waypoints, double run_s, const std::string& pointer,
-                               Problems& problems) {
+// position_key: "position_mm" of a tool, "shift_mm" of nodes, whose first way-point may leave it out.
+ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
+                               const std::string& pointer, Problems& problems) {
   ScriptedTrajectory script;
   Waypoint waypoint;
   Vec3 axis = Vec3::UnitZ();
@@ -272,7 +310,7 @@ ScriptedTrajectory read_script(const json& waypoints, double run_s, const std::s
     const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
     const double before_s = waypoint.time_s;
     read(object, "time_s", waypoint.time_s);
-    read_mm(object, "position_mm", waypoint.position_m);
+    read_mm(object, position_key, waypoint.position_m);
     read(object, "axis", axis);
     read(object, "angle_deg", angle_deg);
     const std::string path = object.value("path", "minimum_jerk");
@@ -280,7 +318,8 @@ ScriptedTrajectory read_script(const json& waypoints, double run_s, const std::s
     if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
     waypoint.orientation =
         quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
-    if (script.waypoints.empty() && !object.contains("position_mm")) {
+    if (script.waypoints.empty() && std::string(position_key) == "position_mm" &&
+        !object.contains(position_key)) {
       problems.push_back(place + ": the first way-point must have a position_mm");
     }
     if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
@@ -319,18 +358,47 @@ void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
     read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
     read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
     read(object, "output_filter_Hz", tool.filter_Hz);
-    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"],
+    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
                                            static_cast<double>(scenario.steps()) * scenario.scene.step_s,
                                            pointer + "/device/scripted/waypoints", problems));
     scenario.scene.tools.push_back(std::move(tool));
   }
 }
 
-void read_contact(const json& object, ContactLaw& contact) {
+void read_contact(const json& object, SceneDescription& scene) {
+  ContactLaw& contact = scene.contact;
   read(object, "stiffness_N_m", contact.stiffness_N_m);
   read(object, "damping_N_s_m", contact.damping_N_s_m);
   read(object, "anisotropy", contact.anisotropy);
   read(object, "tension_rule", contact.tension_rule);
+  scene.detection = object.value("detection", "embedded_vertices") == "surface_nodes"
+                        ? ContactDetection::surface_nodes
+                        : ContactDetection::embedded_vertices;
+}
+
+void read_fracture(const json& object, Scenario& scenario, Problems& problems) {
+  FractureSettings& fracture = scenario.scene.fracture.emplace();
+  fracture.criterion = object.value("criterion", "tensile") == "tensile"
+                           ? FractureCriterion::tensile
+                           : FractureCriterion::largest_absolute;
+  read(object, "steps_above", fracture.steps_above);
+  read(object, "avoid_singularities", fracture.avoid_singularities);
+  read(object, "remove_detached", fracture.remove_detached);
+  bool can_tear = std::isfinite(scenario.scene.material.fracture_threshold_Pa);
+  for (const auto& entry : scenario.scene.materials)
+    can_tear = can_tear || std::isfinite(entry.second.fracture_threshold_Pa);
+  if (!can_tear) {
+    problems.push_back(
+        "/fracture: no material has a fracture_threshold_Pa, so nothing can tear; give one in /tissue, or "
+        "leave "
+        "/fracture out");
+  }
+  if (!scenario.scene.tools.empty() && scenario.scene.detection == ContactDetection::embedded_vertices) {
+    problems.push_back(
+        "/contact/detection: embedded_vertices does not follow torn tissue; use \"surface_nodes\" in scenes "
+        "that "
+        "fracture");
+  }
 }
 
 void read_solver(const json& object, Scenario& scenario) {
@@ -365,6 +433,14 @@ void read_checks(const json& object, Scenario& scenario) {
   read(object, "solver_error", checks.max_solver_error);
   read(object, "max_residual", checks.max_residual);
   read(object, "max_inverted_elements", checks.max_inverted_elements);
+  read(object, "min_torn_elements", checks.min_torn_elements);
+  read(object, "max_torn_elements", checks.max_torn_elements);
+  read(object, "labels_stay", checks.labels_stay);
+  read(object, "max_kinetic_energy_uJ", checks.max_kinetic_energy_J);
+  read(object, "max_hanging_elements", checks.max_hanging_elements);
+  read(object, "min_hanging_energy_uJ", checks.min_hanging_energy_J);
+  if (checks.min_hanging_energy_J) *checks.min_hanging_energy_J *= 1e-6;
+  if (checks.max_kinetic_energy_J) *checks.max_kinetic_energy_J *= 1e-6;
   if (checks.max_solver_error && scenario.measure_error_every_steps == 0) {
     scenario.warnings.push_back(
         "/checks/solver_error: nothing is measured, because /solver/measure_error_every_steps is 0");
@@ -459,11 +535,12 @@ Scenario parse_scenario(const json& document, const std::string& place,
     scenario.scene.pairs = make_separation_pairs(std::move(pairs));
   });
   read_mesh(document["mesh"], scenario.scene.embedding);
-  read_tissue(part(document, "tissue"), scenario.scene, problems);
-  read_boundary(part(document, "boundary"), scenario, problems);
+  read_tissue(part(document, "tissue"), scenario, problems);
   read_time(document["time"], scenario, problems);
+  read_boundary(part(document, "boundary"), scenario, problems);
   read_tools(document.value("tools", json::array()), scenario, problems);
-  read_contact(part(document, "contact"), scenario.scene.contact);
+  read_contact(part(document, "contact"), scenario.scene);
+  if (document.contains("fracture")) read_fracture(document["fracture"], scenario, problems);
   read_solver(part(document, "solver"), scenario);
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);
   read_checks(part(document, "checks"), scenario);

@@ -40,7 +40,16 @@ struct KeepLabelsOperation {
 struct KeepBoxOperation {
   Vec3 min_m, max_m;  // m, world; voxels with a centre outside are emptied
 };
-using LabelOperation = std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation>;
+struct PaintBoxOperation {
+  Vec3 min_m, max_m;       // m, world; labelled voxels with a centre inside ...
+  std::int32_t label = 0;  // ... become this; 0 empties them
+};
+struct LayerOperation {    // fills the separation pairs with a layer
+  std::int32_t label = 0;  // of labelled voxels near a face between the two labels of a pair
+  int voxels = 1;          // thickness on each side of the face
+};
+using LabelOperation =
+    std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation, PaintBoxOperation, LayerOperation>;
 
 // Nodes by their rest position: a box, infinite where the file says nothing. Borders belong to it.
 struct NodeRegion {
@@ -53,6 +62,13 @@ struct SpringRegion {
   double damping_N_s_m = 0;  // N s/m at each node
 };
 
+struct MotionRegion {
+  std::string name;
+  NodeRegion nodes;
+  Vec3 centre_m = Vec3::Zero();  // m, world
+  ScriptedTrajectory script;     // its position is the shift
+};
+
 // Bounds on what a run may give; an absent one is not checked.
 struct Checks {
   std::optional<double> max_penetration_m;  // m, deepest contact of any step
@@ -62,7 +78,12 @@ struct Checks {
   std::optional<double> returns_to_rest_m;        // m, largest displacement of a node at the end
   std::optional<double> max_solver_error;  // relative, measure_solver_error; "solver_error" in the file
   std::optional<double> max_residual;      // relative, StepReport::residual of any step
-  std::optional<std::int64_t> max_inverted_elements;  // at any recorded frame
+  std::optional<std::int64_t> max_inverted_elements;                 // at any recorded frame
+  std::optional<std::int64_t> min_torn_elements, max_torn_elements;  // removed by the end
+  std::vector<std::int32_t> labels_stay;                             // no cell of these loses an element
+  std::optional<std::int64_t> max_hanging_elements;                  // on a vertex or an edge, in any frame
+  std::optional<double> min_hanging_energy_J;                        // J, peak of their kinetic energy
+  std::optional<double> max_kinetic_energy_J;                        // J, of the tissue at any step
 };
 
 struct ShotCamera {
@@ -99,13 +120,15 @@ struct Scenario {
   std::string name, title, description;
   LabelMapSource map_source;
   std::vector<LabelOperation> map_operations;
-  SceneDescription scene;  // complete but for map, fixed_nodes and springs, which make_scene fills
+  SceneDescription scene;  // complete but for map, fixed_nodes, springs and motions, which make_scene fills
   std::vector<NodeRegion> fixed;
   std::vector<SpringRegion> springs;
-  std::vector<ScriptedTrajectory> scripts;  // [tools]
-  double duration_s = 0;                    // s; the run has steps() steps
-  int measure_error_every_steps = 0;        // 0: the solver's error is not measured
-  int frame_every_steps = 1;                // recording of the whole state
+  std::vector<MotionRegion> motions;
+  std::vector<std::int32_t> prevailing_labels;  // of which a cell is made if it has any voxel of them
+  std::vector<ScriptedTrajectory> scripts;      // [tools]
+  double duration_s = 0;                        // s; the run has steps() steps
+  int measure_error_every_steps = 0;            // 0: the solver's error is not measured
+  int frame_every_steps = 1;                    // recording of the whole state
   Checks checks;
   Pictures pictures;
   std::map<std::int32_t, std::array<std::uint8_t, 3>> label_colours;  // red, green, blue

@@ -5,6 +5,7 @@
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/servo_replay.h"
 #include "tools/sulcus/support.h"
+#include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"
 #include "verify/summary.h"
 
@@ -94,6 +95,8 @@ int run_command(const RunOptions& options) {
   shots.look(state);
   writer.write_frame(state, 0);
   const std::int64_t steps = scenario.steps();
+  bool torn = false;
+  HangingRecord hanging;
   {
     Progress progress(scenario.name + ": steps", steps);
     for (std::int64_t n = 0; n < steps; ++n) {
@@ -116,13 +119,20 @@ int run_command(const RunOptions& options) {
                      scenario.name.c_str(), static_cast<long long>(n));
         break;
       }
+      if (report.fracture && report.fracture->by_criterion > 0 && !torn) {
+        writer.add_event(n, "the tissue begins to tear");
+        torn = true;
+      }
       shots.look(state);
+      if (scene.fracture && state.step % scenario.frame_every_steps == 0)
+        look_at_hanging(scene, state, hanging);
       if (state.step % scenario.frame_every_steps == 0) writer.write_frame(state, report.time_s);
       progress.at(n + 1);
     }
   }
   for (auto& device : devices) device->close();
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  if (scene.fracture) record_torn(scene, state, hanging, writer);
   writer.finish(state);
 
   if (options.pictures) render_shots(scenario, scene, shots.frames(), options.out / "pictures");

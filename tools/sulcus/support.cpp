@@ -107,6 +107,17 @@ StatementBounds bounds_of(const Scenario& scenario) {
   bounds.max_solver_error = scenario.checks.max_solver_error;
   bounds.max_final_displacement_m = scenario.checks.returns_to_rest_m;
   bounds.contact_expected = !scenario.scene.tools.empty();
+  // prescribed motions and gravity do work that the statement about energies at rest does not know
+  if (!scenario.motions.empty() || scenario.scene.gravity.norm() > 0) bounds.max_energy_growth.reset();
+  if (scenario.scene.fracture) {
+    bounds.torn = TornBounds{scenario.scene.fracture->avoid_singularities,
+                             scenario.checks.min_torn_elements,
+                             scenario.checks.max_torn_elements,
+                             scenario.checks.labels_stay,
+                             scenario.checks.max_hanging_elements,
+                             scenario.checks.min_hanging_energy_J};
+  }
+  bounds.max_kinetic_energy_J = scenario.checks.max_kinetic_energy_J;
   return bounds;
 }
 

@@ -1,0 +1,70 @@
+// Compiled once for each instruction set; see CMakeLists.txt.
+#include "engine/fracture/kernels.h"
+
+#include "engine/numerics/lanes.h"
+
+namespace sulcus::SULCUS_ISA_NAMESPACE {
+namespace {
+
+constexpr int lanes = 16;
+
+enum class Bound { tensile, absolute };
+
+template <Bound bound>
+void stress_bounds(const StressBoundPass& pass, std::int64_t first, std::int64_t last) {
+  using V = Lanes<float>;
+  for (std::int64_t block = first; block < last; ++block) {
+    if (!pass.wanted[block]) continue;
+    // edges of the deformed elements, x_a - x_0
+    alignas(64) float edges[9][lanes];
+    const std::int32_t* nodes = pass.nodes + block * 4 * lanes;
+    for (int l = 0; l < lanes; ++l) {
+      const double* x0 = pass.positions + 3 * static_cast<std::int64_t>(nodes[l]);
+      for (int a = 1; a < 4; ++a) {
+        const double* x = pass.positions + 3 * static_cast<std::int64_t>(nodes[a * lanes + l]);
+        for (int i = 0; i < 3; ++i) edges[3 * (a - 1) + i][l] = static_cast<float>(x[i] - x0[i]);
+      }
+    }
+    const float* rest = pass.rest + block * 12 * lanes;
+    for (int l = 0; l < lanes; l += lane_count<float>) {
+      const auto component = [&](int c) { return load<V>(rest + c * lanes + l); };
+      V f[3][3];
+      for (int i = 0; i < 3; ++i) {
+        const V d1 = load<V>(&edges[i][l]), d2 = load<V>(&edges[3 + i][l]), d3 = load<V>(&edges[6 + i][l]);
+        for (int j = 0; j < 3; ++j)
+          f[i][j] = d1 * component(j) + d2 * component(3 + j) + d3 * component(6 + j);
+      }
+      const auto c = [&](int i, int j) { return f[0][i] * f[0][j] + f[1][i] * f[1][j] + f[2][i] * f[2][j]; };
+      const V c00 = c(0, 0), c11 = c(1, 1), c22 = c(2, 2), c01 = c(0, 1), c12 = c(1, 2), c20 = c(2, 0);
+      const V volume = component(11);
+      const V lambda = component(9) / volume, mu = component(10) / volume;
+      const V shear = 2.0F * (c01 * c01 + c12 * c12 + c20 * c20);
+      if constexpr (bound == Bound::tensile) {
+        const V trace = c00 + c11 + c22, mean = trace / 3.0F;
+        const V d0 = c00 - mean, d1 = c11 - mean, d2 = c22 - mean;
+        const V spread = square_root<float>((d0 * d0 + d1 * d1 + d2 * d2 + shear) * (2.0F / 3.0F));
+        store(pass.bounds + block * lanes + l, mu * (mean + spread - 1.0F) + lambda * (trace - 3.0F) * 0.5F);
+      } else {
+        const V d0 = c00 - 1.0F, d1 = c11 - 1.0F, d2 = c22 - 1.0F;
+        const V strain = square_root<float>(d0 * d0 + d1 * d1 + d2 * d2 + shear);
+        const V det = f[0][0] * (f[1][1] * f[2][2] - f[1][2] * f[2][1]) -
+                      f[0][1] * (f[1][0] * f[2][2] - f[1][2] * f[2][0]) +
+                      f[0][2] * (f[1][0] * f[2][1] - f[1][1] * f[2][0]);
+        alignas(64) float numbers[lane_count<float>], dets[lane_count<float>];
+        store(numbers, (2.0F * mu + 1.7320509F * lambda) * strain);
+        store(dets, det);
+        for (int k = 0; k < lane_count<float>; ++k) {
+          pass.bounds[block * lanes + l + k] = dets[k] > 0 ? numbers[k] : __builtin_inff();
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+
+FractureKernels fracture_table() {
+  return {stress_bounds<Bound::tensile>, stress_bounds<Bound::absolute>};
+}
+
+}  // namespace sulcus::SULCUS_ISA_NAMESPACE
