@@ -102,9 +102,24 @@ std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check>
 
   Chart time = chart("Time for each step", "time [ms]", ChartKind::stacked);
   for (const char* stage : stage_names) {
-    time.curves.push_back(curve_of(run, std::string("stage/") + stage + "_s", stage, 1e3));
+    Curve curve = curve_of(run, std::string("stage/") + stage + "_s", stage, 1e3);
+    const bool any = std::any_of(curve.y.begin(), curve.y.end(), [](double y) { return y > 0; });
+    if (any) time.curves.push_back(std::move(curve));  // stages that the scene has
   }
   out.add("Wall clock, split by stage; of many steps the slowest is shown.", time);
+
+  Chart torn = chart("Torn elements", "elements a step", ChartKind::stacked);
+  torn.curves = {curve_of(run, "fracture/by_criterion", "by their stress", 1),
+                 curve_of(run, "fracture/by_avoidance", "hung on a vertex or an edge", 1),
+                 curve_of(run, "fracture/detached", "touched no other", 1)};
+  out.add("Elements removed at each step, and why; of many steps the one with most is shown.", torn);
+
+  Chart pulled = chart("Force on the paths", "force [N]");
+  for (std::size_t m = 0; m < run.header.motion_names.size(); ++m) {
+    pulled.curves.push_back(
+        curve_of(run, "motions/" + std::to_string(m) + "/force_N", run.header.motion_names[m], 1));
+  }
+  out.add("Size of the force that moves the nodes on prescribed paths.", pulled);
 
   Chart iterations = chart("Solver iterations", "iterations");
   iterations.curves = {curve_of(run, "solver/iterations", "", 1)};

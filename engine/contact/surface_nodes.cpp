@@ -29,7 +29,7 @@ Vec3 boundary_area(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive
     const std::int32_t tet = mesh.incident[at(i)] / 4, own = mesh.incident[at(i)] % 4;
     if (!present(alive, tet)) continue;
     for (int c = 0; c < 4; ++c) {
-      if (c == own || present(alive, mesh.neighbours[at(tet)][at(c)])) continue;
+      if (c == own || is_covered(mesh.faces, alive, 4 * tet + c)) continue;
       const auto corner = [&](int k) {
         return position_of(positions, mesh.tets[at(tet)][at(face_corners[c][k])]);
       };
@@ -60,6 +60,17 @@ double way_out(const RigidDistance& distance, const Vec3& from, const Vec3& way)
   return -1;
 }
 
+// Whether the way out along `way` is sideways: much longer than the tool is thick at this place, as along the
+// width of a blade. inside: the distance there, negative; slope: its gradient.
+bool sideways(const RigidDistance& distance, const Vec3& from, double inside, const Vec3& slope,
+              double depth) {
+  if (depth <= -2 * inside) return false;
+  const double steepness = slope.norm();
+  if (!(steepness > 1e-6)) return false;
+  const double opposite = way_out(distance, from, -slope / steepness);
+  return opposite >= 0 && depth > 1.5 * (opposite - inside);
+}
+
 }  // namespace
 
 bool on_boundary(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive, std::int32_t node) {
@@ -67,7 +78,7 @@ bool on_boundary(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive, 
     const std::int32_t tet = mesh.incident[at(i)] / 4, own = mesh.incident[at(i)] % 4;
     if (!present(alive, tet)) continue;
     for (int c = 0; c < 4; ++c) {
-      if (c != own && !present(alive, mesh.neighbours[at(tet)][at(c)])) return true;
+      if (c != own && !is_covered(mesh.faces, alive, 4 * tet + c)) return true;
     }
   }
   return false;
@@ -86,13 +97,15 @@ void find_node_contacts(const BoundaryMesh& mesh, std::span<const std::uint8_t> 
     const Vec3 x = position_of(positions, node);
     const Vec3 body = to_body * (x - pose.position);
     if (!((body.array() > distance.origin.array()).all() && (body.array() < high.array()).all())) continue;
-    if (!(sample(distance, body) < 0)) continue;
+    Vec3 slope;
+    const double inside = sample(distance, body, &slope);
+    if (!(inside < 0)) continue;
     Vec3 normal = boundary_area(mesh, alive, positions, node);
     const double area = std::sqrt(normal.squaredNorm());
     if (!(area > 0)) continue;
     normal /= area;
     const double depth = way_out(distance, body, to_body * -normal);
-    if (!(depth > 0)) continue;
+    if (!(depth > 0) || sideways(distance, body, inside, slope, depth)) continue;
 
     Contact contact;
     contact.tool = tool;

@@ -3,8 +3,8 @@
 //
 // A node x inside the tool is pushed along its tissue's outward normal n, into the tissue, until it leaves
 // the tool at p = x - s n: gap p - x, depth s. So a node that has passed the middle of a thin blade is pushed
-// on the side that it came from. A node whose way out is longer than the tool or leaves it sideways gives
-// none.
+// on the side that it came from. A node whose way out leads sideways (much longer than the tool is thick
+// there, or leaving it at a grazing angle) gives none.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ namespace sulcus {
 // The mesh, and who is around a node and behind a face. Views of arrays that others own.
 struct BoundaryMesh {
   std::span<const std::array<std::int32_t, 4>> tets;
-  std::span<const std::array<std::int32_t, 4>> neighbours;  // face_neighbours
-  std::span<const std::int32_t> start, incident;            // NodeStars
+  const FaceNeighbours& faces;
+  std::span<const std::int32_t> start, incident;  // NodeStars
 };
 
 // Whether `node` lies on the boundary of the elements that are present (alive: [tets] or empty = all).

@@ -12,11 +12,11 @@ namespace {
 struct Block {
   EmbeddingMesh mesh = box_mesh(6, 6, 6, 0.01);
   NodeStars around = build_node_stars(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size()));
-  std::vector<std::array<std::int32_t, 4>> neighbours = face_neighbours(mesh.tets);
+  FaceNeighbours faces = face_neighbours(mesh.tets);
   std::vector<double> positions = flat_positions(mesh);
   std::vector<std::uint8_t> alive = std::vector<std::uint8_t>(mesh.tets.size(), 1);
 
-  BoundaryMesh view() const { return {mesh.tets, neighbours, around.start, around.incident}; }
+  BoundaryMesh view() const { return {mesh.tets, faces, around.start, around.incident}; }
 
   std::vector<Contact> contacts(const ToolSurface& tool, const Vec3& at, const Quaternion& turn = {}) const {
     std::vector<std::uint8_t> boundary(mesh.rest_positions.size());
@@ -88,6 +88,13 @@ TEST(NodeContact, AThinBladePushesNodesBackToTheSideTheyCameFrom) {
       EXPECT_NEAR(c.depth_m, sunk, 1e-5);
     }
   }
+}
+
+TEST(NodeContact, ABladeStuckInEdgewiseGivesNoContactAlongItsWidth) {
+  // upright blade, 2 mm thick along x, sunk 5 mm into the top: the way out along the top's normal is along
+  // the blade
+  const Block block;
+  EXPECT_TRUE(block.contacts(box_tool({0.002, 0.03, 0.04}), {0.0305, 0.03, 0.06 - 0.005 + 0.02}).empty());
 }
 
 TEST(NodeContact, FollowsATurnedTool) {

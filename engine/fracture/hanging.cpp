@@ -3,8 +3,7 @@
 namespace sulcus {
 
 std::vector<std::int32_t> hanging_elements(std::span<const std::array<std::int32_t, 4>> tets,
-                                           std::span<const std::array<std::int32_t, 4>> neighbours,
-                                           std::span<const std::uint8_t> alive,
+                                           const FaceNeighbours& faces, std::span<const std::uint8_t> alive,
                                            std::span<const std::uint8_t> held) {
   const auto at = [](std::int32_t number) { return static_cast<std::size_t>(number); };
   enum : std::uint8_t { unknown, firm, hanging };
@@ -17,8 +16,15 @@ std::vector<std::int32_t> hanging_elements(std::span<const std::array<std::int32
   };
   const auto spread = [&](std::uint8_t as) {  // through faces
     for (std::size_t r = 0; r < reached.size(); ++r) {
-      for (const std::int32_t other : neighbours[at(reached[r])]) {
-        if (other >= 0) reach(at(other), as);
+      for (std::int32_t own = 4 * reached[r]; own < 4 * reached[r] + 4; ++own) {
+        for (const std::int32_t start : {own, faces.across[at(own)]}) {
+          if (start < 0) continue;
+          std::int32_t face = start;
+          do {
+            reach(at(face / 4), as);
+            face = faces.beside[at(face)];
+          } while (face != start);
+        }
       }
     }
   };

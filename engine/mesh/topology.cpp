@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
-#include <string>
 
-#include "engine/numerics/error.h"
 #include "engine/volume/voxel_links.h"
 
 namespace sulcus {
@@ -77,36 +75,63 @@ NodeStars build_node_stars(std::span<const std::array<std::int32_t, 4>> tets, st
   return stars;
 }
 
-std::vector<std::array<std::int32_t, 4>> face_neighbours(std::span<const std::array<std::int32_t, 4>> tets) {
+FaceNeighbours face_neighbours(std::span<const std::array<std::int32_t, 4>> tets) {
   struct Face {
     std::array<std::int32_t, 3> nodes;  // ascending
-    std::int32_t tet_corner;            // tet*4 + opposite corner
+    bool flipped;  // seen from outside the nodes run the other way round: tells the sides apart
+    std::int32_t name;
   };
-  std::vector<Face> faces;
-  faces.reserve(4 * tets.size());
+  // corners of the face opposite each corner, counter-clockwise from outside
+  constexpr std::size_t outside[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+  std::vector<Face> all;
+  all.reserve(4 * tets.size());
   for (std::size_t t = 0; t < tets.size(); ++t) {
     for (std::size_t c = 0; c < 4; ++c) {
-      Face face{{tets[t][(c + 1) % 4], tets[t][(c + 2) % 4], tets[t][(c + 3) % 4]},
-                static_cast<std::int32_t>(4 * t + c)};
-      std::sort(face.nodes.begin(), face.nodes.end());
-      faces.push_back(face);
+      const auto& o = outside[c];
+      Face face{{tets[t][o[0]], tets[t][o[1]], tets[t][o[2]]}, false, static_cast<std::int32_t>(4 * t + c)};
+      const auto order = [&](std::size_t i, std::size_t j) {
+        if (face.nodes[i] < face.nodes[j]) return;
+        std::swap(face.nodes[i], face.nodes[j]);
+        face.flipped = !face.flipped;
+      };
+      order(0, 1);
+      order(1, 2);
+      order(0, 1);
+      all.push_back(face);
     }
   }
-  std::sort(faces.begin(), faces.end(), [](const Face& a, const Face& b) {
-    return a.nodes != b.nodes ? a.nodes < b.nodes : a.tet_corner < b.tet_corner;
+  std::sort(all.begin(), all.end(), [](const Face& a, const Face& b) {
+    if (a.nodes != b.nodes) return a.nodes < b.nodes;
+    return a.flipped != b.flipped ? a.flipped < b.flipped : a.name < b.name;
   });
-  std::vector<std::array<std::int32_t, 4>> neighbours(tets.size(), {-1, -1, -1, -1});
-  for (std::size_t f = 0; f + 1 < faces.size(); ++f) {
-    if (faces[f].nodes != faces[f + 1].nodes) continue;
-    if (f + 2 < faces.size() && faces[f + 2].nodes == faces[f].nodes) {
-      throw InputError("mesh: a face is shared by more than two tetrahedra, one of them number " +
-                       std::to_string(faces[f].tet_corner / 4));
+  FaceNeighbours faces;
+  faces.across.assign(all.size(), -1);
+  faces.beside.assign(all.size(), -1);
+  for (std::size_t first = 0, last; first < all.size(); first = last) {
+    std::size_t middle = first;  // where the other side begins
+    for (last = first; last < all.size() && all[last].nodes == all[first].nodes; ++last) {
+      if (!all[last].flipped) middle = last + 1;
     }
-    const std::int32_t a = faces[f].tet_corner, b = faces[f + 1].tet_corner;
-    neighbours[static_cast<std::size_t>(a / 4)][static_cast<std::size_t>(a % 4)] = b / 4;
-    neighbours[static_cast<std::size_t>(b / 4)][static_cast<std::size_t>(b % 4)] = a / 4;
+    for (std::size_t f = first; f < last; ++f) {
+      const bool low = f < middle;
+      const std::size_t begin = low ? first : middle, end = low ? middle : last, other = low ? middle : first;
+      const auto name = static_cast<std::size_t>(all[f].name);
+      faces.beside[name] = all[f + 1 < end ? f + 1 : begin].name;
+      if (low ? middle < last : first < middle) faces.across[name] = all[other].name;
+    }
   }
-  return neighbours;
+  return faces;
+}
+
+bool is_covered(const FaceNeighbours& faces, std::span<const std::uint8_t> alive, std::int32_t face) {
+  const std::int32_t start = faces.across[static_cast<std::size_t>(face)];
+  if (start < 0 || alive.empty()) return start >= 0;
+  std::int32_t other = start;
+  do {
+    if (alive[static_cast<std::size_t>(other / 4)]) return true;
+    other = faces.beside[static_cast<std::size_t>(other)];
+  } while (other != start);
+  return false;
 }
 
 Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,

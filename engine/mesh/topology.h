@@ -26,9 +26,18 @@ struct NodeStars {
 };
 NodeStars build_node_stars(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count);
 
-// The tetrahedron behind each face: [tets], entry c lies across the face opposite corner c; -1: none. Throws
-// InputError for a face that three tetrahedra share.
-std::vector<std::array<std::int32_t, 4>> face_neighbours(std::span<const std::array<std::int32_t, 4>> tets);
+// Who shares a face. Two superimposed copies of a cell may both be linked to one copy behind a face, so a
+// face can have several tetrahedra on the same side. A face of a tetrahedron is named tet*4 + opposite
+// corner.
+struct FaceNeighbours {
+  std::vector<std::int32_t> across;  // [4*tets] the lowest face on the other side; -1: none
+  std::vector<std::int32_t>
+      beside;  // [4*tets] the next face on the same side, in a ring; itself if it is alone
+};
+FaceNeighbours face_neighbours(std::span<const std::array<std::int32_t, 4>> tets);
+
+// Whether any tetrahedron that is present lies behind the face. alive: [tets] or empty = all.
+bool is_covered(const FaceNeighbours& faces, std::span<const std::uint8_t> alive, std::int32_t face);
 
 // Pieces of tetrahedra that share nodes. `alive` (empty = all) leaves out removed elements.
 Pieces mesh_pieces(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count,

@@ -97,7 +97,7 @@ TEST(FractureStep, UpdatedViewEqualsOneMadeFromNothing) {
   SceneDescription d = pulled_bar(true);
   d.detection = ContactDetection::surface_nodes;
   Scene scene = build(std::move(d));
-  scene.face_neighbours = face_neighbours(scene.mesh.tets);
+  scene.faces = face_neighbours(scene.mesh.tets);
   State state = initial_state(scene, {});
   WorkspacePtr workspace = make_workspace(scene, 1);
   StepReport report = make_report(scene);

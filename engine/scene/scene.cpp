@@ -136,7 +136,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
   for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));
   if (!d.tools.empty() && d.detection == ContactDetection::surface_nodes) {
-    scene.face_neighbours = face_neighbours(scene.mesh.tets);
+    scene.faces = face_neighbours(scene.mesh.tets);
     for (const Tool& tool : d.tools) {
       scene.tool_distances.push_back(build_rigid_distance(tool.surface, distance_spacing(tool.surface)));
     }

@@ -82,15 +82,15 @@ struct Scene {
   Sparsity sparsity;
   std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool and embedded_vertices
   std::vector<RigidDistance> tool_distances;      // [tools], only with surface_nodes
-  std::vector<std::array<std::int32_t, 4>> face_neighbours;  // [tets], likewise
-  std::unique_ptr<const FractureData> fracture;              // only in scenes that fracture
-  std::vector<double> filter_alpha;                          // [tools]
-  std::vector<std::uint8_t> free_node;                       // [nodes] 1: moves, 0: held at rest or on a path
-  double total_mass_kg = 0;                                  // kg, of the tissue
+  FaceNeighbours faces;                           // likewise
+  std::unique_ptr<const FractureData> fracture;   // only in scenes that fracture
+  std::vector<double> filter_alpha;               // [tools]
+  std::vector<std::uint8_t> free_node;            // [nodes] 1: moves, 0: held at rest or on a path
+  double total_mass_kg = 0;                       // kg, of the tissue
 
   MeshStars stars() const { return {mesh.tets, elements.incident_start, elements.incident}; }
   BoundaryMesh boundary_mesh() const {
-    return {mesh.tets, face_neighbours, elements.incident_start, elements.incident};
+    return {mesh.tets, faces, elements.incident_start, elements.incident};
   }
   std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }

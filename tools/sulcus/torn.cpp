@@ -61,11 +61,11 @@ void record_torn(const Scene& scene, const State& state, const HangingRecord& ha
 }
 
 void look_at_hanging(const Scene& scene, const State& state, HangingRecord& record) {
-  if (record.neighbours.empty()) record.neighbours = face_neighbours(scene.mesh.tets);
+  if (record.faces.across.empty()) record.faces = face_neighbours(scene.mesh.tets);
   std::vector<std::uint8_t> held(scene.free_node.size());
   for (std::size_t n = 0; n < held.size(); ++n) held[n] = !scene.free_node[n];
   for (const NodeSpring& spring : scene.settings.springs) held[static_cast<std::size_t>(spring.node)] = 1;
-  const auto hanging = hanging_elements(scene.mesh.tets, record.neighbours, state.alive, held);
+  const auto hanging = hanging_elements(scene.mesh.tets, record.faces, state.alive, held);
   double energy = 0;
   for (const std::int32_t element : hanging) {
     for (const std::int32_t node : scene.mesh.tets[static_cast<std::size_t>(element)]) {

@@ -1,6 +1,7 @@
 // What a run of tissue that tears records beside its series: numbers and warnings.
 #pragma once
 
+#include "engine/mesh/topology.h"
 #include "engine/scene/step.h"
 #include "verify/recording.h"
 
@@ -8,7 +9,7 @@ namespace sulcus {
 
 // What hung on hinges, over the frames that were looked at.
 struct HangingRecord {
-  std::vector<std::array<std::int32_t, 4>> neighbours;  // made at the first look
+  FaceNeighbours faces;  // made at the first look
   std::int64_t most_elements = 0;
   double peak_kinetic_energy_J = 0;    // J, of the hanging elements
   double kinetic_energy_at_end_J = 0;  // J, at the last look
