@@ -41,6 +41,7 @@ class Phantom final : public PhantomDevice {
   DeviceError read(double time_s, DeviceSample& sample) override;
   void write(const DeviceCommand& command) override;
   bool set_servo(ServoFunction function, void* user) override;
+  std::optional<double> clock_zero_s() const override { return servo_->start_s.load(); }
   void pause(bool paused) override { servo_->paused.store(paused, std::memory_order_relaxed); }
   PhantomStatus status() override;
   const PhantomIdentity& identity() const override { return identity_; }

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "engine/device/device.h"
 #include "engine/scene/state.h"
 #include "engine/scene/step.h"
+#include "verify/session.h"
 
 namespace sulcus {
 
@@ -32,6 +34,7 @@ struct RunHeader {
   bool fractures = false;                 // not read back: a series fracture/... tells
   std::vector<double> rest_positions;     // [3*nodes], m
   std::vector<std::int32_t> tets;         // [4*tets]
+  std::optional<SessionHeader> session;   // of a session in real time
 
   std::int64_t tool_count() const { return static_cast<std::int64_t>(tool_names.size()); }
   std::int64_t node_count() const { return static_cast<std::int64_t>(rest_positions.size() / 3); }
@@ -55,6 +58,7 @@ RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; th
 //   device/<i>/<field of DeviceSample>   sequence  time_s  interval_s  position_m [3]  orientation [4]
 //             linear_velocity_m_s [3]  angular_velocity_rad_s [3]  linear_velocity_valid
 //             angular_velocity_valid docked  buttons  force_sent_N [3]  motor_temperature
+//   session/<due|read|published>_s         of sessions: SessionStep
 struct Series {
   std::string unit;  // "" for plain numbers
   int components = 1;
@@ -96,10 +100,20 @@ struct RunData {
       numbers;  // "cells", "mesh_pieces", "voxel_pieces", "inverted_elements_at_end", ...
   std::vector<std::string> warnings;
   std::vector<RunEvent> events;
+  std::optional<SessionData> session;  // of a session in real time
 
   std::uint64_t fingerprint() const { return fingerprints.empty() ? 0 : fingerprints.back(); }
   const Series* find(const std::string& name) const;  // nullptr if not recorded
 };
+
+// What a step leaves in the series and in the fingerprint: a few kilobytes.
+struct StepRow {
+  std::vector<double> numbers;  // of all series above but the device's and the session's, in their order
+  std::vector<std::uint64_t> hashes;  // one for each array of the state
+};
+// stage_s: [stage_count]. The memory of `row` is used again.
+void make_step_row(const RunHeader& header, const StepReport& report, const State& state,
+                   std::span<const double> stage_s, double total_s, StepRow& row);
 
 // Writes a recording while the run goes on: to `path` + ".part", renamed to `path` by finish(). Keeps at most
 // some hundred steps in memory. All members throw EnvironmentError with the place and the remedy if the disk
@@ -120,7 +134,11 @@ class RunWriter {
   // fingerprint).
   void write_step(std::span<const DeviceSample> samples, const StepReport& report, const State& state,
                   std::span<const double> stage_s, double total_s);
+  // The same from what make_step_row made of it; with the times of the step in a session.
+  void write_row(std::span<const DeviceSample> samples, const StepRow& row, const SessionStep& times = {});
   void write_frame(const State& state, double time_s, std::span<const double> stress_Pa = {});
+  void write_tick(std::size_t tool, const ServoTick& tick);  // of a session
+  void write_histograms(std::span<const Histogram> histograms);
   void write_solver_error(std::int64_t step, double error);
   void add_warning(const std::string& text);
   void add_event(std::int64_t step, const std::string& text);

@@ -16,6 +16,9 @@ namespace sulcus {
 inline std::array<std::uint64_t, 1> to_numbers(std::uint64_t value) {
   return {value};
 }
+inline std::array<std::int64_t, 1> to_numbers(std::int64_t value) {
+  return {value};
+}
 inline std::array<std::uint32_t, 1> to_numbers(std::uint32_t value) {
   return {value};
 }
@@ -32,6 +35,9 @@ inline std::array<double, 4> to_numbers(const Quaternion& q) {
   return {q.s, q.x, q.y, q.z};
 }
 inline void from_numbers(const std::uint64_t* numbers, std::uint64_t& value) {
+  value = *numbers;
+}
+inline void from_numbers(const std::int64_t* numbers, std::int64_t& value) {
   value = *numbers;
 }
 inline void from_numbers(const std::uint32_t* numbers, std::uint32_t& value) {
@@ -66,6 +72,18 @@ void for_each_sample_field(Visit&& visit) {
   visit("buttons", "", &DeviceSample::buttons);
   visit("force_sent_N", "N", &DeviceSample::force_sent);
   visit("motor_temperature", "", &DeviceSample::motor_temperature);
+}
+
+// Calls visit(name, unit, member pointer) for every field of ServoTick but its sample.
+template <class Visit>
+void for_each_tick_field(Visit&& visit) {
+  visit("number", "", &ServoTick::number);
+  visit("tick_time_s", "s", &ServoTick::time_s);
+  visit("work_s", "s", &ServoTick::work_s);
+  visit("coupling_step", "", &ServoTick::coupling_step);
+  visit("error", "", &ServoTick::error);
+  visit("force_N", "N", &ServoTick::force);
+  visit("torque_N_m", "N m", &ServoTick::torque);
 }
 
 // Largest |a - b| over vectors of three; NaN if any is.

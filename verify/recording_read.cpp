@@ -5,6 +5,7 @@
 #include "verify/hdf5_file.h"
 #include "verify/recording.h"
 #include "verify/recording_fields.h"
+#include "verify/recording_session.h"
 #include "verify/seal.h"
 
 namespace sulcus {
@@ -160,6 +161,7 @@ RunData read_run(const std::filesystem::path& path) {
   read_frames(file, run);
   read_final_state(file, run);
   read_lists(file, run);
+  read_session(file, run);
   return run;
 }
 

@@ -116,7 +116,7 @@ TEST(Recording, SameRunGivesTheSameFingerprintAndWallClockDoesNotEnter) {
   RunWriter writer(dir / "c.h5", header, state);
   for (std::int64_t n = 0; n < test::run_steps; ++n) {
     const test::SmallStep step = test::advance(header, n, state);
-    writer.write_step(step.samples, step.report, state, std::vector<double>{9.0, 9.0, 9.0, 9.0}, 99.0);
+    writer.write_step(step.samples, step.report, state, std::vector<double>(stage_count, 9.0), 99.0);
   }
   EXPECT_EQ(writer.fingerprint(), read_run(dir / "a.h5").fingerprint());
 }

@@ -11,6 +11,7 @@
 #include "verify/hdf5_file.h"
 #include "verify/recording.h"
 #include "verify/recording_fields.h"
+#include "verify/recording_session.h"
 #include "verify/seal.h"
 
 namespace sulcus {
@@ -28,17 +29,19 @@ struct RunWriter::Impl {
 
   // The file is declared first, so that it closes last.
   hdf5::Handle file;
-  std::vector<hdf5::Column> series, device;
+  std::vector<hdf5::Column> series, device, times;
+  std::vector<std::size_t> series_components;
+  std::vector<std::vector<hdf5::Column>> ticks;  // [tools], of a session
   std::vector<hdf5::Column> chain, fields, frames;
 
-  std::vector<std::uint64_t> hashes = std::vector<std::uint64_t>(state_field_names().size());
+  StepRow row;  // of write_step
   std::vector<SolverErrorSample> solver_errors;
   std::map<std::string, double> numbers;
   std::vector<std::string> warnings, event_texts;
   std::vector<std::int64_t> event_steps;
 
   void write_header();
-  void write_hashes(const State& state);
+  void write_hashes(std::span<const std::uint64_t> row);
   void write_end(const State& final_state);
   void close();
 
@@ -87,7 +90,8 @@ void RunWriter::Impl::close() {
     }
     columns.clear();
   };
-  for (auto* columns : {&series, &device, &chain, &fields, &frames}) close_all(*columns);
+  for (auto* columns : {&series, &device, &times, &chain, &fields, &frames}) close_all(*columns);
+  for (auto& columns : ticks) close_all(columns);
   if (!file.close() && first.empty()) first = hdf5::innermost_error();
   if (!first.empty()) throw hdf5::Failure(first);
 }
@@ -118,8 +122,7 @@ void RunWriter::Impl::write_header() {
   hdf5::write_strings(file, "/fingerprint/field_names", state_field_names());
 }
 
-void RunWriter::Impl::write_hashes(const State& state) {
-  hash_state(state, hashes);
+void RunWriter::Impl::write_hashes(std::span<const std::uint64_t> hashes) {
   fingerprint = chain_hash(fingerprint, hashes);
   fields[0].append(hashes.data());
   chain[0].append(&fingerprint);
@@ -155,7 +158,17 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
         [&](const std::string& name, const char* unit, int components, const double*) {
           run.series.push_back(Column::create<double>(
               run.file, "/series/" + name, components == 1 ? -1 : components, rows_per_chunk, unit));
+          run.series_components.push_back(static_cast<std::size_t>(components));
         });
+    if (header.session) {
+      for (const char* name : {"due_s", "read_s", "published_s"}) {
+        run.times.push_back(Column::create<double>(run.file, std::string("/series/session/") + name, -1,
+                                                   rows_per_chunk, "s"));
+      }
+      write_session_header(run.file, *header.session);
+      for (std::size_t tool = 0; tool < header.tool_names.size(); ++tool)
+        run.ticks.push_back(tick_columns(run.file, tool));
+    }
     for (std::size_t tool = 0; tool < header.tool_names.size(); ++tool) {
       for_each_sample_field([&](const char* name, const char* unit, auto member) {
         const auto numbers = to_numbers(DeviceSample{}.*member);
@@ -165,8 +178,9 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
       });
     }
     run.chain.push_back(Column::create<std::uint64_t>(run.file, "/fingerprint/chain", -1, rows_per_chunk));
-    run.fields.push_back(Column::create<std::uint64_t>(
-        run.file, "/fingerprint/fields", static_cast<std::int64_t>(run.hashes.size()), rows_per_chunk));
+    run.fields.push_back(Column::create<std::uint64_t>(run.file, "/fingerprint/fields",
+                                                       static_cast<std::int64_t>(state_field_names().size()),
+                                                       rows_per_chunk));
     const auto add_frames = [&](Column column) { run.frames.push_back(std::move(column)); };
     add_frames(Column::create<std::int64_t>(run.file, "/frames/step", -1, 1));
     add_frames(Column::create<double>(run.file, "/frames/time_s", -1, 1, "s"));
@@ -174,7 +188,9 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     add_frames(Column::create<double>(run.file, "/frames/tool_poses", 7 * header.tool_count(), 1));
     add_frames(Column::create<std::uint8_t>(run.file, "/frames/alive", header.tet_count(), 1));
     add_frames(Column::create<double>(run.file, "/frames/stress_Pa", header.tet_count(), 1, "Pa"));
-    run.write_hashes(initial);
+    std::vector<std::uint64_t> hashes(state_field_names().size());
+    hash_state(initial, hashes);
+    run.write_hashes(hashes);
   });
 }
 
@@ -186,29 +202,66 @@ RunWriter::~RunWriter() {
   }
 }
 
+void make_step_row(const RunHeader& header, const StepReport& report, const State& state,
+                   std::span<const double> stage_s, double total_s, StepRow& row) {
+  assert(stage_s.size() == static_cast<std::size_t>(stage_count));
+  assert(report.motion_forces.size() == header.motion_names.size());
+  assert(report.fracture.has_value() == header.fractures);
+  row.numbers.clear();
+  for_each_step_series(report, state, header.rest_positions, stage_s, total_s,
+                       [&](const std::string&, const char*, int components, const double* numbers) {
+                         row.numbers.insert(row.numbers.end(), numbers, numbers + components);
+                       });
+  row.hashes.resize(state_field_names().size());
+  hash_state(state, row.hashes);
+}
+
 void RunWriter::write_step(std::span<const DeviceSample> samples, const StepReport& report,
                            const State& state, std::span<const double> stage_s, double total_s) {
   Impl& run = *impl_;
-  assert(samples.size() == run.header.tool_names.size() && report.tools.size() == samples.size());
-  assert(report.motion_forces.size() == run.header.motion_names.size());
-  assert(report.fracture.has_value() == run.header.fractures);
-  assert(stage_s.size() == static_cast<std::size_t>(stage_count));
+  assert(report.tools.size() == samples.size());
   check_state_sizes(state, run.header, run.path.string());
+  make_step_row(run.header, report, state, stage_s, total_s, run.row);
+  write_row(samples, run.row);
+}
+
+void RunWriter::write_row(std::span<const DeviceSample> samples, const StepRow& row,
+                          const SessionStep& times) {
+  Impl& run = *impl_;
+  assert(samples.size() == run.header.tool_names.size());
   run.guarded([&] {
+    const double* numbers = row.numbers.data();
+    std::size_t left = row.numbers.size();
+    for (std::size_t i = 0; i < run.series.size(); ++i) {
+      if (left < run.series_components[i]) throw hdf5::Failure("a step has too few numbers");
+      run.series[i].append(numbers);
+      numbers += run.series_components[i];
+      left -= run.series_components[i];
+    }
     std::size_t column = 0;
-    for_each_step_series(report, state, run.header.rest_positions, stage_s, total_s,
-                         [&](const std::string&, const char*, int, const double* numbers) {
-                           run.series[column++].append(numbers);
-                         });
-    column = 0;
     for (const DeviceSample& sample : samples)
       for_each_sample_field([&](const char*, const char*, auto member) {
-        const auto numbers = to_numbers(sample.*member);
-        run.device[column++].append(numbers.data());
+        const auto values = to_numbers(sample.*member);
+        run.device[column++].append(values.data());
       });
-    run.write_hashes(state);
+    if (run.header.session) {
+      run.times[0].append(&times.due_s);
+      run.times[1].append(&times.read_s);
+      run.times[2].append(&times.published_s);
+    }
+    run.write_hashes(row.hashes);
     ++run.steps;
   });
+}
+
+void RunWriter::write_tick(std::size_t tool, const ServoTick& tick) {
+  Impl& run = *impl_;
+  assert(tool < run.ticks.size());
+  run.guarded([&] { append_tick(run.ticks[tool], tick); });
+}
+
+void RunWriter::write_histograms(std::span<const Histogram> histograms) {
+  impl_->guarded([&] { write_session_histograms(impl_->file, histograms); });
 }
 
 void RunWriter::write_frame(const State& state, double time_s, std::span<const double> stress_Pa) {

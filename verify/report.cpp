@@ -222,6 +222,7 @@ std::string run_section(const RunReportInput& input, std::size_t number) {
          escape_html(name_of(input)) + "</h2>" +
          (input.description.empty() ? "" : "<p>" + escape_html(input.description) + "</p>") + "</header>\n" +
          run_verdict(input) + facts(run, summarise(run)) + pictures(input) + charts(input) +
+         report::session_section(run) +
          check_table(input.checks) + list_of("Warnings", run.warnings) + list_of("Events", events) +
          mesh_table(run) + reproduce(input.reproduce) + provenance(run) + "</section>\n";
 }

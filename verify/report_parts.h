@@ -24,6 +24,9 @@ struct CaptionedChart {
 // sight.
 std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks);
 
+// What a session in real time says about time; "" for a run that is none.
+std::string session_section(const RunData& run);
+
 std::string base64(const std::string& bytes);
 
 // The page around its content: head, style, colours.

@@ -32,6 +32,7 @@ State small_state(const RunHeader& header) {
   state.velocities.assign(state.positions.size(), 0.0);
   state.rotations = {1, 0, 0, 0, 1, 0, 0, 0};
   state.alive = {1, 1};
+  state.steps_above = {0, 0};
   state.tool_poses = {0, 0, 0.05, 1, 0, 0, 0};
   state.tool_momenta.assign(6, 0.0);
   state.filtered_forces.assign(6, 0.0);
@@ -87,7 +88,7 @@ SmallStep advance(const RunHeader& header, std::int64_t n, State& state) {
   tool.max_penetration_m = 0.1 * depth_m;
   tool.contacts = depth_m > 0 ? 12 : 0;
   tool.min_push_N = 5 * depth_m;
-  step.stage_s = {0.001, 0.002, 0.003, 0.0005};
+  step.stage_s = {0.001, 0.002, 0.003, 0.0005, 0};
   return step;
 }
 

@@ -54,7 +54,7 @@ TEST_F(TornStatements, ASingularEdgeIsFoundUnlessTheSceneAllowsIt) {
   run_.header.rest_positions.resize(18, 0.0);
   EXPECT_FALSE(check("manifold", {}).passed);
   EXPECT_NE(check("manifold", {}).detail.find("edge 0-1"), std::string::npos);
-  EXPECT_EQ(check("manifold", {false, {}, {}, {}}).name, "absent");
+  EXPECT_EQ(check("manifold", {false, {}, {}, {}, {}, {}}).name, "absent");
 }
 
 TEST_F(TornStatements, TooFewTooManyAndForbiddenTearsAreFound) {

@@ -81,6 +81,10 @@ class Device {
   // there at each tick instead of waiting for write(). False: it has none; the caller reads, renders and
   // writes at 1 kHz. `user` must live until close().
   virtual bool set_servo(ServoFunction /*function*/, void* /*user*/) { return false; }
+
+  // From arm() on: zero of the samples' clock as seconds of std::chrono::steady_clock, for a device with a
+  // clock of its own. The others' samples carry the time that was given to read().
+  virtual std::optional<double> clock_zero_s() const { return std::nullopt; }
 };
 
 }  // namespace sulcus

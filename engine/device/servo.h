@@ -11,7 +11,8 @@ namespace sulcus {
 // Mailbox.
 struct CouplingSnapshot {
   bool valid = false;                         // false: no tool is coupled, nothing is rendered
-  double time_s = 0;                          // s, when the engine published it, on the sample's clock
+  double time_s = 0;                          // s, the moment that the pose is for: when the engine read the
+                                              // samples of that step, on the sample's clock
   Vec3 tool_position = Vec3::Zero();          // m
   Quaternion tool_orientation;                // unit, body -> world
   Vec3 tool_linear_velocity = Vec3::Zero();   // m/s
@@ -23,12 +24,12 @@ struct CouplingSnapshot {
 };
 
 struct ServoSettings {
-  double filter_Hz = 0;                 // cut-off of the output filter; 0 = none
-  double max_extrapolation_s = 0.05;    // s, how long the tool is carried on; then it stands still
-  double max_extrapolation_m = 0.002;   // m, and how far
-  double max_extrapolation_rad = 0.05;  // rad, and how far it turns
-  double max_age_s = 0.2;               // s, an older snapshot renders nothing
-  double command_life_s = 0.005;        // s, expiry of the command after the sample it answers
+  double filter_Hz = 0;                // cut-off of the output filter; 0 = none
+  double max_extrapolation_s = 0.1;    // s, how long the tool is carried on; then it stands still
+  double max_extrapolation_m = 0.02;   // m, and how far: 0.3 m/s over two steps of 33 ms
+  double max_extrapolation_rad = 0.5;  // rad, and how far it turns
+  double max_age_s = 0.2;              // s, an older snapshot renders nothing
+  double command_life_s = 0.005;       // s, expiry of the command after the sample it answers
 };
 
 struct ServoState {

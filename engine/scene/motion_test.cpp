@@ -118,5 +118,34 @@ TEST(PrescribedMotion, OfAFixedNodeIsRefused) {
   EXPECT_THROW(build(std::move(endless)), InputError);
 }
 
+// A slab one cell thick whose nodes keep their plane: stretched by a tenth along x it narrows along y by the
+// plane strain ratio nu / (1 - nu), and stays in its plane exactly.
+TEST(SlidingNodes, GivePlaneStrain) {
+  SceneDescription d = block_description({6, 6, 1}, 0.01);
+  d.material.poisson_ratio = 0.3;
+  d.solver.velocity_floor_m_s = 0;
+  d.solver.tolerance = 1e-11;
+  for (const std::int32_t node : nodes_where(d, [](const Vec3&) { return true; }))
+    d.sliding.push_back({node, 2});
+  const double ratio = 0.3 / 0.7;
+  const EmbeddingMesh mesh = build_embedding(d.map, d.pairs, d.embedding);
+  for (const std::int32_t node :
+       nodes_where(d, [](const Vec3& x) { return x[0] < 1e-9 || x[0] > 0.06 - 1e-9; })) {
+    const Vec3 x = mesh.rest_positions[static_cast<std::size_t>(node)];
+    d.motions.push_back(straight_motion({node}, Vec3(0.02 * x[0], -0.02 * ratio * (x[1] - 0.03), 0), 10));
+  }
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, {});
+  WorkspacePtr workspace = make_workspace(scene, 2);
+  StepReport report = make_report(scene);
+  for (int n = 0; n < 400; ++n) step(scene, {}, state, report, *workspace);
+  for (std::size_t n = 0; n < mesh.rest_positions.size(); ++n) {
+    const Vec3& x = mesh.rest_positions[n];
+    EXPECT_EQ(state.positions[3 * n + 2], x[2]);
+    EXPECT_NEAR(state.positions[3 * n], 1.02 * x[0], 1e-10);
+    EXPECT_NEAR(state.positions[3 * n + 1], x[1] - 0.02 * ratio * (x[1] - 0.03), 1e-10);
+  }
+}
+
 }  // namespace
 }  // namespace sulcus

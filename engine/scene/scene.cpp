@@ -62,6 +62,10 @@ void check(const SceneDescription& d, std::int64_t nodes) {
     if (node < 0 || node >= nodes) refuse("a node number", node, "one below " + std::to_string(nodes));
   };
   for (std::int32_t node : d.fixed_nodes) check_node(node);
+  for (const SlidingNode& sliding : d.sliding) {
+    check_node(sliding.node);
+    if (sliding.axis < 0 || sliding.axis > 2) refuse("the axis of a sliding node", sliding.axis, "0, 1 or 2");
+  }
   std::vector<std::uint8_t> taken(static_cast<std::size_t>(nodes), 0);
   for (std::int32_t node : d.fixed_nodes) taken[static_cast<std::size_t>(node)] = 1;
   for (const PrescribedMotion& motion : d.motions) {
@@ -126,6 +130,10 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
 
   scene.free_node.assign(scene.mesh.rest_positions.size(), 1);
   for (std::int32_t node : d.fixed_nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;
+  if (!d.sliding.empty()) scene.keeps.assign(scene.free_node.size(), {0, 0, 0});
+  for (const SlidingNode& sliding : d.sliding) {
+    scene.keeps[static_cast<std::size_t>(sliding.node)][static_cast<std::size_t>(sliding.axis)] = 1;
+  }
   for (const PrescribedMotion& motion : d.motions) {
     for (std::int32_t node : motion.nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;
   }

@@ -28,6 +28,12 @@ struct NodeSpring {
   double damping_N_s_m = 0;  // N s/m, >= 0
 };
 
+// A node that keeps its coordinate along one of the world's axes, and is free along the others.
+struct SlidingNode {
+  std::int32_t node = 0;
+  int axis = 0;  // 0..2
+};
+
 struct Tool {
   std::string name;
   ToolSurface surface;
@@ -65,6 +71,7 @@ struct SceneDescription {
   Vec3 gravity = Vec3::Zero();            // m/s^2
   std::vector<std::int32_t> fixed_nodes;  // held at rest
   std::vector<NodeSpring> springs;        // to the rest position
+  std::vector<SlidingNode> sliding;       // in planes; a node may be named for several axes
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
   ContactLaw contact;
@@ -80,13 +87,14 @@ struct Scene {
   EmbeddingMesh mesh;
   ElementData elements;
   Sparsity sparsity;
-  std::unique_ptr<const DistanceField> distance;  // only in scenes with a tool and embedded_vertices
-  std::vector<RigidDistance> tool_distances;      // [tools], only with surface_nodes
-  FaceNeighbours faces;                           // likewise
-  std::unique_ptr<const FractureData> fracture;   // only in scenes that fracture
-  std::vector<double> filter_alpha;               // [tools]
-  std::vector<std::uint8_t> free_node;            // [nodes] 1: moves, 0: held at rest or on a path
-  double total_mass_kg = 0;                       // kg, of the tissue
+  std::unique_ptr<const DistanceField> distance;   // only in scenes with a tool and embedded_vertices
+  std::vector<RigidDistance> tool_distances;       // [tools], only with surface_nodes
+  FaceNeighbours faces;                            // likewise
+  std::unique_ptr<const FractureData> fracture;    // only in scenes that fracture
+  std::vector<double> filter_alpha;                // [tools]
+  std::vector<std::uint8_t> free_node;             // [nodes] 1: moves, 0: held at rest or on a path
+  std::vector<std::array<std::uint8_t, 3>> keeps;  // [nodes] 1: keeps its coordinate; empty: none does
+  double total_mass_kg = 0;                        // kg, of the tissue
 
   MeshStars stars() const { return {mesh.tets, elements.incident_start, elements.incident}; }
   BoundaryMesh boundary_mesh() const {

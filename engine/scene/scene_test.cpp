@@ -4,11 +4,10 @@
 #include <cmath>
 #include <random>
 
-#include "engine/fem/test_meshes.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
 #include "engine/scene/allocation_count.h"
-#include "engine/scene/step.h"
+#include "engine/scene/test_scenes.h"
 
 namespace sulcus {
 namespace {
@@ -24,22 +23,6 @@ Tool ball(double radius_m) {
                                        radius_m * z);
   }
   return tool;
-}
-
-SceneDescription block_description(int cells, double edge_m) {
-  SceneDescription d;
-  d.map = box_map(cells, cells, cells, edge_m);
-  d.embedding.size_m = edge_m;
-  d.damping = {0, 0.05};
-  d.step_s = 0.017;
-  d.solver.precision = Precision::double_precision;
-  d.solver.tolerance = 1e-9;
-  return d;
-}
-
-Scene build(SceneDescription d) {
-  EmbeddingMesh mesh = build_embedding(d.map, d.pairs, d.embedding);
-  return build_scene(std::move(d), std::move(mesh));
 }
 
 void hold_bottom(SceneDescription& d) {
@@ -61,7 +44,7 @@ DeviceSample press(double time_s) {
 }
 
 SceneDescription pressed_block(Precision precision) {
-  SceneDescription d = block_description(8, 0.01);
+  SceneDescription d = block_description({8, 8, 8}, 0.01);
   hold_bottom(d);
   d.tools.push_back(ball(0.02));
   d.contact.stiffness_N_m = 50;
@@ -97,7 +80,7 @@ void expect_same(const State& a, const State& b) {
 }
 
 TEST(Step, TissueAtRestStaysAtRest) {
-  SceneDescription d = block_description(3, 0.02);
+  SceneDescription d = block_description({3, 3, 3}, 0.02);
   d.solver.precision = Precision::single_precision;
   const Scene scene = build(std::move(d));
   const State state = run(scene, 20, 1).back();
@@ -108,7 +91,7 @@ TEST(Step, EnergyOfAFreeBodyNeverGrows) {
   const std::uint64_t seed = 31;
   SCOPED_TRACE(seed);
   std::mt19937_64 random(seed);
-  SceneDescription d = block_description(4, 0.01);
+  SceneDescription d = block_description({4, 4, 4}, 0.01);
   d.damping = {0, 0};
   const Scene scene = build(std::move(d));
   State state = initial_state(scene, {});
@@ -133,7 +116,7 @@ TEST(Step, InvertedElementsComeBack) {
   SCOPED_TRACE(seed);
   std::mt19937_64 random(seed);
   for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
-    SceneDescription d = block_description(2, 0.01);
+    SceneDescription d = block_description({2, 2, 2}, 0.01);
     d.material.poisson_ratio = 0.3;
     d.damping = {0, 0.1};
     d.solver.precision = precision;
@@ -151,7 +134,7 @@ TEST(Step, InvertedElementsComeBack) {
 }
 
 TEST(Step, TissueAndToolKeepTheirMomentum) {
-  SceneDescription d = block_description(6, 0.01);
+  SceneDescription d = block_description({6, 6, 6}, 0.01);
   d.tools.push_back(ball(0.015));
   d.tools[0].coupling = {0, 0, 0, 0};
   d.contact.stiffness_N_m = 20;
@@ -262,7 +245,7 @@ TEST(Step, RefusesAProcessorThatDropsSubnormalNumbers) {
 }
 
 TEST(Step, TakesAsManyToolsAsAScenarioNames) {
-  SceneDescription d = block_description(6, 0.01);
+  SceneDescription d = block_description({6, 6, 6}, 0.01);
   d.contact.stiffness_N_m = 20;
   std::vector<DeviceSample> samples;
   for (int t = 0; t < 9; ++t) {  // a row of balls, two millimetres deep, away from the rounded edges
@@ -299,7 +282,7 @@ TEST(Step, SolverErrorFollowsTheTolerance) {
 }
 
 TEST(BuildScene, MakesNoDistanceFieldWithoutATool) {
-  EXPECT_EQ(build(block_description(2, 0.01)).distance, nullptr);
+  EXPECT_EQ(build(block_description({2, 2, 2}, 0.01)).distance, nullptr);
   EXPECT_NE(build(pressed_block(Precision::single_precision)).distance, nullptr);
 }
 

@@ -399,6 +399,37 @@ Vec3 contact_force(const Scene& scene, const State& state, const Contact& contac
           (law.damping_N_s_m + scene.settings.step_s * law.stiffness_N_m) * rate);
 }
 
+// Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
+// never moves them there; the rest of the block is inverted by itself.
+template <class Real>
+void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
+  for (const SlidingNode& sliding : scene.settings.sliding) {
+    const auto& keeps = scene.keeps[static_cast<std::size_t>(sliding.node)];
+    const auto slot =
+        static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(sliding.node)]);
+    const std::size_t first = slot / 16 * 144 + slot % 16;
+    if (system.inverse[first] == 0 && system.inverse[first + 64] == 0 && system.inverse[first + 128] == 0)
+      continue;
+    Mat3 block;
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        const bool kept = keeps[static_cast<std::size_t>(i)] || keeps[static_cast<std::size_t>(j)];
+        block(i, j) =
+            !kept ? static_cast<double>(system.diagonal[first + 16 * static_cast<std::size_t>(3 * i + j)])
+                  : (i == j ? 1.0 : 0.0);
+      }
+    }
+    const Mat3 inverse = block.inverse();
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        const bool kept = keeps[static_cast<std::size_t>(i)] || keeps[static_cast<std::size_t>(j)];
+        system.inverse[first + 16 * static_cast<std::size_t>(3 * i + j)] =
+            kept ? Real(0) : static_cast<Real>(inverse(i, j));
+      }
+    }
+  }
+}
+
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
@@ -416,6 +447,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   assemble_contacts(scene, state, numbers, workspace);
   finish_rows<Real>(scene.sparsity, scene.fracture ? workspace.view.free_node : scene.free_node,
                     numbers.system);
+  if (!scene.keeps.empty()) keep_in_planes(scene, numbers.system);
   if (observer != nullptr) observer->stage_done(Stage::assembly);
   const SolveResult result = solve(scene, state, tolerance, floor_m_s, numbers, workspace);
   if (observer != nullptr) observer->stage_done(Stage::solve);

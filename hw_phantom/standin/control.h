@@ -83,7 +83,7 @@ struct Control {
   bool (*scheduler_runs)();
 };
 
-// Exported as "standin_control". With SULCUS_STANDIN_LOG set to a file, its 64 bytes are kept up to date,
+// Exported as "standin_control". A program that cannot reach it sets SULCUS_STANDIN (world.cpp). With SULCUS_STANDIN_LOG set to a file, its 64 bytes are kept up to date,
 // also when the process dies: struct Log of the first device.
 struct Log {
   std::uint64_t frames;

@@ -6,7 +6,11 @@
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
+#include <functional>
 #include <limits>
+#include <map>
+#include <sstream>
+#include <string>
 
 #include "hw_phantom/standin/omni.h"
 #include "hw_phantom/standin/standin.h"
@@ -22,6 +26,33 @@ Log* open_log() {
   void* memory = mmap(nullptr, sizeof(Log), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
   ::close(file);
   return memory == MAP_FAILED ? nullptr : static_cast<Log*>(memory);
+}
+
+// A program that is not a test's own process is told by SULCUS_STANDIN what it meets: "name=value" in a row.
+void configure(World& w, const char* text) {
+  SimulatedDevice& device = w.devices[0];
+  device.motion.joints[1] = device.motion.joints[2] = 0.4;
+  Faults& f = w.faults;
+  const std::map<std::string, std::function<void(double)>> settings = {
+      {"swing_rad", [&](double v) { device.motion.joint_amplitude[2] = v; }},
+      {"swing_Hz", [&](double v) { device.motion.frequency_Hz = v; }},
+      {"docked_ticks", [&](double v) { f.docked_ticks = static_cast<std::uint64_t>(v); }},
+      {"nan_from", [&](double v) { f.nan_from = static_cast<std::uint64_t>(v); }},
+      {"nan_ticks", [&](double v) { f.nan_ticks = static_cast<std::uint64_t>(v); }},
+      {"jitter_s", [&](double v) { f.jitter_s = v; }},
+      {"stall_from", [&](double v) { f.stall_from = static_cast<std::uint64_t>(v); }},
+      {"stall_s", [&](double v) { f.stall_s = v; }},
+      {"error", [&](double v) { f.error = static_cast<unsigned int>(v); }},
+      {"error_from", [&](double v) { f.error_from = static_cast<std::uint64_t>(v); }},
+      {"error_every", [&](double v) { f.error_every = static_cast<std::uint64_t>(v); }},
+  };
+  std::istringstream words(text);
+  for (std::string word; words >> word;) {
+    const std::size_t equals = word.find('=');
+    const auto found = settings.find(word.substr(0, equals));
+    if (found == settings.end()) std::abort();  // a test that says nothing the stand-in understands
+    found->second(std::atof(word.c_str() + equals + 1));
+  }
 }
 
 double steady_now_s() {
@@ -42,6 +73,7 @@ World& world() {
   static World* const w = [] {
     auto* made = new World;
     made->log = open_log();
+    if (const char* text = std::getenv("SULCUS_STANDIN")) configure(*made, text);
     return made;
   }();
   return *w;

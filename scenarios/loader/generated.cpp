@@ -1,5 +1,6 @@
 #include "scenarios/loader/generated.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -92,6 +93,31 @@ LabelMap generate(const SphereSegment& shape) {
   LabelMap map = empty_map(Vec3::Constant(shape.diameter_m), shape.voxel_size_m);
   const double radius = 0.5 * map.size[0];
   fill(map, [&](const Vec3& centre) { return centre.squaredNorm() > radius * radius ? 0 : shape.label; });
+  return map;
+}
+
+LabelMap generate(const DrawnSegments& drawing) {
+  std::size_t columns = 0;
+  for (const std::string& row : drawing.rows) columns = std::max(columns, row.size());
+  if (columns == 0)
+    throw InputError("generated label map: the drawing is empty; give rows of '.' and '1' to '9'");
+  const double size = drawing.voxel_size_m;
+  require_positive(drawing.thickness_m, "the thickness");
+  LabelMap map = empty_map(
+      {static_cast<double>(columns) * size, static_cast<double>(drawing.rows.size()) * size, size}, size);
+  map.spacing[2] = drawing.thickness_m;
+  for (std::size_t r = 0; r < drawing.rows.size(); ++r) {
+    for (std::size_t c = 0; c < drawing.rows[r].size(); ++c) {
+      const char mark = drawing.rows[r][c];
+      if (mark != '.' && !(mark >= '1' && mark <= '9')) {
+        throw InputError("generated label map: row " + std::to_string(r + 1) + " of the drawing has '" +
+                         std::string(1, mark) + "' in column " + std::to_string(c + 1) +
+                         "; give '.' for empty and '1' to '9' for labels");
+      }
+      const int j = static_cast<int>(drawing.rows.size() - 1 - r);
+      map.labels[map.index(static_cast<int>(c), j, 0)] = mark == '.' ? 0 : mark - '0';
+    }
+  }
   return map;
 }
 

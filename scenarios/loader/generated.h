@@ -3,6 +3,9 @@
 // rounded to nearest.
 #pragma once
 
+#include <string>
+#include <vector>
+
 #include "engine/volume/label_map.h"
 
 namespace sulcus {
@@ -32,12 +35,21 @@ struct SphereSegment {
   std::int32_t label = 1;
 };
 
+// A drawing one voxel thick, for scenes in a plane: each character is a voxel, '.' empty, '1' to '9' a label.
+// The first row is at the top (largest y), x runs along a row; shorter rows are filled up with empty voxels.
+struct DrawnSegments {
+  std::vector<std::string> rows;
+  double voxel_size_m = 1e-3;  // m, along x and y
+  double thickness_m = 1e-3;   // m, of the voxel along z
+};
+
 // A voxel belongs to the body if its centre does; the extent of the map is the
 // body's bounding box, without a margin. Throws InputError for sizes that are not positive and finite, for a
 // body thinner than a voxel and for more than max_generated_voxels.
 LabelMap generate(const CylinderThreeSegments& shape);
 LabelMap generate(const BoxSegment& shape);
 LabelMap generate(const SphereSegment& shape);
+LabelMap generate(const DrawnSegments& drawing);  // throws InputError also for other characters
 
 inline constexpr std::int64_t max_generated_voxels = std::int64_t{1} << 28;
 

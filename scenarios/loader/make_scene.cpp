@@ -4,6 +4,7 @@
 #include <set>
 
 #include "engine/numerics/error.h"
+#include "engine/volume/label_operations.h"
 #include "engine/volume/separation.h"
 #include "scenarios/loader/images.h"
 #include "scenarios/loader/scenario.h"
@@ -33,6 +34,14 @@ struct ReadSource {
 struct Operate {
   LabelMap& map;
   const SeparationPairs& pairs;
+
+  void operator()(const FillVoidsOperation&) const { fill_voids(map); }
+  void operator()(const CropOperation& crop) const { crop_to_content(map, crop.margin_voxels); }
+  void operator()(const DropPiecesOperation& drop) const {
+    const double voxels =
+        std::ceil(drop.below_m3 / (map.spacing[0] * map.spacing[1] * map.spacing[2]) - 1e-9);
+    drop_small_pieces(map, pairs, std::max(drop.below_voxels, static_cast<std::int64_t>(voxels)));
+  }
 
   void operator()(const PaintBoxOperation& box) const {
     for (int k = 0; k < map.size[2]; ++k) {
@@ -114,6 +123,15 @@ std::vector<std::int32_t> nodes_in(const NodeRegion& region, const EmbeddingMesh
     high = high.cwiseMax(position);
     if (within(position, region.min_m, region.max_m)) nodes.push_back(static_cast<std::int32_t>(node));
   }
+  if (!region.labels.empty()) {
+    std::vector<std::uint8_t> of_label(mesh.rest_positions.size(), 0);
+    for (std::size_t cell = 0; cell < mesh.cell_nodes.size(); ++cell) {
+      if (std::find(region.labels.begin(), region.labels.end(), mesh.cell_label[cell]) == region.labels.end())
+        continue;
+      for (const std::int32_t node : mesh.cell_nodes[cell]) of_label[static_cast<std::size_t>(node)] = 1;
+    }
+    std::erase_if(nodes, [&](std::int32_t node) { return !of_label[static_cast<std::size_t>(node)]; });
+  }
   if (nodes.empty()) {
     std::string extent;
     for (int axis = 0; axis < 3; ++axis) {
@@ -121,8 +139,9 @@ std::vector<std::int32_t> nodes_in(const NodeRegion& region, const EmbeddingMesh
                 std::to_string(std::lround(low[axis] * 1000)) + " .. " +
                 std::to_string(std::lround(high[axis] * 1000));
     }
-    throw InputError(place_of(scenario) + ": " + region.place +
-                     ": no node of the mesh lies in this region; the mesh reaches " + extent + " mm");
+    throw InputError(place_of(scenario) + ": " + region.place + ": no node of the mesh lies in this region" +
+                     (region.labels.empty() ? "" : " and belongs to its labels") + "; the mesh reaches " +
+                     extent + " mm");
   }
   return nodes;
 }
@@ -154,6 +173,10 @@ void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescri
       warnings.push_back(springs.nodes.place + ": " + std::to_string(twice) +
                          " nodes have a spring of an earlier region, which stays");
     }
+  }
+  for (const PlaneRegion& plane : scenario.planes) {
+    for (const std::int32_t node : nodes_in(plane.nodes, mesh, scenario))
+      description.sliding.push_back({node, plane.axis});
   }
   for (const MotionRegion& region : scenario.motions) {
     PrescribedMotion motion{region.name, {}, region.centre_m, {}};
@@ -216,12 +239,15 @@ std::set<std::pair<std::int32_t, std::int32_t>> touching_labels(const LabelMap& 
 void check_labels(const Scenario& scenario, const LabelMap& map, std::vector<std::string>& warnings) {
   const std::set<std::int32_t> present(map.labels.begin(), map.labels.end());
   const auto touching = touching_labels(map);
+  const bool filled =  // then the labels of pairs are apart on purpose
+      std::any_of(scenario.map_operations.begin(), scenario.map_operations.end(),
+                  [](const LabelOperation& o) { return std::holds_alternative<LayerOperation>(o); });
   for (const auto& [a, b] : scenario.scene.pairs.pairs) {
     const std::string pair = "/separation_pairs: [" + std::to_string(a) + ", " + std::to_string(b) + "]";
     if (present.count(a) == 0 || present.count(b) == 0) {
       const std::int32_t absent = present.count(a) == 0 ? a : b;
       warnings.push_back(pair + ": the label map has no voxel of label " + std::to_string(absent));
-    } else if (touching.count({a, b}) == 0) {
+    } else if (touching.count({a, b}) == 0 && !filled) {
       warnings.push_back(pair + ": these labels touch nowhere");
     }
   }
@@ -265,21 +291,37 @@ void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vecto
 
 }  // namespace
 
-LabelMap load_label_map(const Scenario& scenario) {
+LabelMap load_label_map(const Scenario& scenario, std::vector<std::string>* notes) {
   LabelMap map = std::visit(ReadSource{}, scenario.map_source);
-  for (const LabelOperation& operation : scenario.map_operations)
+  for (const LabelOperation& operation : scenario.map_operations) {
+    const LabelMap before = map;
     std::visit(Operate{map, scenario.scene.pairs}, operation);
+    if (notes == nullptr) continue;
+    std::int64_t changed = 0;
+    if (map.labels.size() != before.labels.size()) {
+      changed =
+          static_cast<std::int64_t>(before.labels.size()) - static_cast<std::int64_t>(map.labels.size());
+    } else {
+      for (std::size_t v = 0; v < map.labels.size(); ++v) changed += map.labels[v] != before.labels[v];
+    }
+    static constexpr std::array names = {"relabel",           "keep_labels",         "keep_box_mm",
+                                         "paint_box_mm",      "layer_between_pairs", "fill_voids",
+                                         "drop_pieces_below", "crop_to_content"};
+    notes->push_back(std::string("label map: ") + names[operation.index()] + " changed " +
+                     std::to_string(changed) + " voxels");
+  }
   if (std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; })) {
     throw InputError(place_of(scenario) + ": /label_map/operations: they leave no labelled voxel");
   }
   return map;
 }
 
-Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings) {
+Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings,
+                 std::vector<std::string>* notes) {
   std::vector<std::string> unheard;
   std::vector<std::string>& told = warnings != nullptr ? *warnings : unheard;
   SceneDescription description = scenario.scene;
-  description.map = load_label_map(scenario);
+  description.map = load_label_map(scenario, notes);
   check_labels(scenario, description.map, told);
   check_tool_starts(scenario, description.map, told);
   EmbeddingMesh mesh = build_embedding(description.map, description.pairs, description.embedding);

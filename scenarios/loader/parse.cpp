@@ -101,6 +101,14 @@ LabelMapSource read_generated(const json& generate) {
     read(generate["box"], "label", shape.label);
     return shape;
   }
+  if (generate.contains("drawing")) {
+    DrawnSegments drawing;
+    read(generate["drawing"], "rows", drawing.rows);
+    read_mm(generate["drawing"], "voxel_size_mm", drawing.voxel_size_m);
+    drawing.thickness_m = drawing.voxel_size_m;
+    read_mm(generate["drawing"], "thickness_mm", drawing.thickness_m);
+    return drawing;
+  }
   SphereSegment shape;
   read_mm(generate["sphere"], "diameter_mm", shape.diameter_m);
   read_mm(generate["sphere"], "voxel_size_mm", shape.voxel_size_m);
@@ -148,6 +156,18 @@ void read_label_map(const json& object, const std::filesystem::path& directory, 
       read(paint, "label", box.label);
       check_box(box.min_m, box.max_m, pointer + "/paint_box_mm", problems);
       scenario.map_operations.emplace_back(box);
+    } else if (operation.contains("fill_voids")) {
+      scenario.map_operations.emplace_back(FillVoidsOperation{});
+    } else if (operation.contains("drop_pieces_below")) {
+      DropPiecesOperation drop;
+      read(operation["drop_pieces_below"], "voxels", drop.below_voxels);
+      read(operation["drop_pieces_below"], "mm3", drop.below_m3);
+      drop.below_m3 *= 1e-9;
+      scenario.map_operations.emplace_back(drop);
+    } else if (operation.contains("crop_to_content")) {
+      CropOperation crop;
+      read(operation["crop_to_content"], "margin_voxels", crop.margin_voxels);
+      scenario.map_operations.emplace_back(crop);
     } else if (operation.contains("layer_between_pairs")) {
       LayerOperation layer;
       read(operation["layer_between_pairs"], "label", layer.label);
@@ -202,7 +222,8 @@ void read_mesh(const json& object, EmbeddingOptions& options) {
 
 NodeRegion read_region(const json& object, const std::string& pointer, Problems& problems) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
-  NodeRegion region{Vec3::Constant(-infinity), Vec3::Constant(infinity), pointer};
+  NodeRegion region{Vec3::Constant(-infinity), Vec3::Constant(infinity), {}, pointer};
+  read(object, "labels", region.labels);
   int regions = 0;
   if (object.contains("box_mm")) {
     ++regions;
@@ -217,9 +238,10 @@ NodeRegion read_region(const json& object, const std::string& pointer, Problems&
     const double value_m = object[key]["value"].get<double>() / 1000;
     (key[0] == 'b' ? region.max_m : region.min_m)[axis] = value_m;
   }
-  if (regions != 1) {
-    problems.push_back(pointer + ": found " + std::to_string(regions) +
-                       " regions, expected exactly one of box_mm, below_mm, above_mm");
+  if (regions > 1 || (regions == 0 && region.labels.empty())) {
+    problems.push_back(
+        pointer + ": found " + std::to_string(regions) +
+        " regions, expected exactly one of box_mm, below_mm, above_mm (none is needed beside labels)");
   }
   return region;
 }
@@ -255,6 +277,12 @@ void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
     read(spring, "stiffness_N_m", springs.stiffness_N_m);
     read(spring, "damping_N_s_m", springs.damping_N_s_m);
     scenario.springs.push_back(springs);
+  }
+  number = 0;
+  for (const json& plane : object.value("planes", json::array())) {
+    PlaneRegion region{read_region(plane, "/boundary/planes/" + std::to_string(number++), problems)};
+    region.axis = plane["axis"].get<std::string>()[0] - 'x';
+    scenario.planes.push_back(region);
   }
   read_motions(object.value("motions", json::array()), scenario, problems);
 }

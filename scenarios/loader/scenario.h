@@ -27,7 +27,8 @@
 namespace sulcus {
 
 // Where the label map comes from: a file (absolute path), or a generated body.
-using LabelMapSource = std::variant<std::filesystem::path, CylinderThreeSegments, BoxSegment, SphereSegment>;
+using LabelMapSource =
+    std::variant<std::filesystem::path, CylinderThreeSegments, BoxSegment, SphereSegment, DrawnSegments>;
 
 // Done on the labels in the order of the list.
 struct RelabelOperation {
@@ -48,12 +49,23 @@ struct LayerOperation {    // fills the separation pairs with a layer
   std::int32_t label = 0;  // of labelled voxels near a face between the two labels of a pair
   int voxels = 1;          // thickness on each side of the face
 };
+struct FillVoidsOperation {};  // enclosed empty voxels take the label around them
+struct DropPiecesOperation {
+  std::int64_t below_voxels = 0;  // pieces of fewer are emptied; 0: see below_m3
+  double below_m3 = 0;            // m^3, likewise
+};
+struct CropOperation {
+  int margin_voxels = 0;  // kept around the labelled voxels
+};
 using LabelOperation =
-    std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation, PaintBoxOperation, LayerOperation>;
+    std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation, PaintBoxOperation, LayerOperation,
+                 FillVoidsOperation, DropPiecesOperation, CropOperation>;
 
-// Nodes by their rest position: a box, infinite where the file says nothing. Borders belong to it.
+// Nodes by their rest position: a box, infinite where the file says nothing. Borders belong to it. With
+// labels, only nodes of cells that are made of one of them.
 struct NodeRegion {
   Vec3 min_m, max_m;  // m, world
+  std::vector<std::int32_t> labels;
   std::string place;  // JSON pointer, for messages
 };
 struct SpringRegion {
@@ -67,6 +79,11 @@ struct MotionRegion {
   NodeRegion nodes;
   Vec3 centre_m = Vec3::Zero();  // m, world
   ScriptedTrajectory script;     // its position is the shift
+};
+
+struct PlaneRegion {
+  NodeRegion nodes;
+  int axis = 0;  // 0..2: along which they keep their place
 };
 
 // Bounds on what a run may give; an absent one is not checked.
@@ -124,6 +141,7 @@ struct Scenario {
   SceneDescription scene;  // complete but for map, fixed_nodes, springs and motions, which make_scene fills
   std::vector<NodeRegion> fixed;
   std::vector<SpringRegion> springs;
+  std::vector<PlaneRegion> planes;
   std::vector<MotionRegion> motions;
   std::vector<std::int32_t> prevailing_labels;  // of which a cell is made if it has any voxel of them
   std::vector<ScriptedTrajectory> scripts;      // [tools]
@@ -153,14 +171,16 @@ Scenario load_scenario_text(const std::string& text, const std::string& place,
                             const std::filesystem::path& directory,
                             const std::vector<std::string>& overrides = {});
 
-// The label map with its operations done. Throws InputError.
-LabelMap load_label_map(const Scenario& scenario);
+// The label map with its operations done; what each changed is appended to notes (if given), for the
+// recording. Throws InputError.
+LabelMap load_label_map(const Scenario& scenario, std::vector<std::string>* notes = nullptr);
 
 // Label map -> mesh -> nodes of the boundary -> Scene. Appends to warnings (if given) what is odd: pairs,
 // materials or colours that name absent labels, overlapping regions, a trajectory that starts inside the
 // tissue's box, ... Throws InputError for what is wrong: a region without nodes, a map that is empty after
 // its operations.
-Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings = nullptr);
+Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings = nullptr,
+                 std::vector<std::string>* notes = nullptr);
 
 // One scripted device a tool, in the order of the tools.
 std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario);

@@ -32,6 +32,48 @@ struct ReplayOptions {
 };
 int replay_command(const ReplayOptions& options);
 
+struct PhantomOptions {
+  std::string library;      // file of libHD; empty: searched
+  std::string device_name;  // empty: the driver's default
+  double max_force_N = 0;   // N; 0: the default of docs/devices.md
+  double turn_deg = 0;      // of the device about the scene's z
+  double tip_offset_mm = 0;
+  int hold_button = -1;
+  double calibration_timeout_s = 30;  // s
+};
+
+struct SessionOptions {
+  std::string scenario;
+  std::string device = "scripted";  // phantom, scripted, recorded
+  std::filesystem::path out;        // empty: a folder named by the time
+  std::filesystem::path from;       // recorded: run.h5 or CSV
+  std::string tool;                 // moved by a phantom or a CSV; empty: the first
+  std::string hand;                 // scripted: light, firm, alone; empty: the script itself
+  std::vector<std::string> faults;  // "name=value", of Perturbation
+  std::vector<std::string> overrides;
+  double filter_Hz = -1;  // Hz, cut-off of the rendered force; negative: the tool's of the scenario
+  double duration_s = 0;  // s; 0: the scenario's for scripted, else until the device or the user ends
+  int threads = 0;        // 0: all but one
+  bool force = false;
+  bool realtime = true;  // ask for real-time priority and locked memory
+  PhantomOptions phantom;
+};
+int session_command(const SessionOptions& options);
+
+struct RecoverOptions {
+  std::filesystem::path folder;  // of a session that was cut off
+  int threads = 0;
+};
+int recover_command(const RecoverOptions& options);
+
+struct DeviceOptions {
+  bool list = false;
+  std::string check;  // "phantom"
+  double watch_s = 5;
+  PhantomOptions phantom;
+};
+int device_command(const DeviceOptions& options);
+
 struct ReportOptions {
   std::vector<std::filesystem::path> runs;
   std::filesystem::path out = "report.html";

@@ -55,6 +55,77 @@ int command_line(int argc, char** argv) {
       ->check(CLI::Range(1, 256));
   replay_app->callback([&] { code = sulcus::replay_command(replay); });
 
+  const auto add_phantom = [](CLI::App* to, sulcus::PhantomOptions& phantom) {
+    to->add_option("--library", phantom.library, "file of the Phantom's libHD (default: searched)");
+    to->add_option("--device-name", phantom.device_name, "the Phantom's name in its driver");
+    to->add_option("--calibration-timeout-s", phantom.calibration_timeout_s,
+                   "for the user to dock the stylus")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+  };
+  sulcus::SessionOptions session;
+  auto* session_app =
+      app.add_subcommand("session", "runs a scenario in real time with a device, and records it");
+  session_app->footer("Example: sulcus session brain_sylvian_retraction --device phantom --max-force-N 0.1");
+  session_app->add_option("SCENARIO", session.scenario, "JSON file, or a name that `sulcus list` shows")
+      ->required();
+  session_app->add_option("--device", session.device, "who moves the tool")
+      ->check(CLI::IsMember({"phantom", "scripted", "recorded"}))
+      ->capture_default_str();
+  session_app->add_option("--out", session.out, "folder for run.h5 (default: session_<date>_<time>)");
+  session_app->add_option("--from", session.from, "recorded: run.h5, or a table (.csv, docs/devices.md)");
+  session_app->add_option("--tool", session.tool,
+                          "tool that a phantom or a table moves (default: the first)");
+  session_app
+      ->add_option("--hand", session.hand, "scripted: a hand that feels the force and follows the script")
+      ->check(CLI::IsMember({"light", "firm", "alone"}));
+  session_app
+      ->add_option("--fault", session.faults, "name=value, spoils the device's samples (docs/devices.md)")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  session_app
+      ->add_option("--filter-Hz", session.filter_Hz,
+                   "cut-off of the rendered force, 0 for none (default: the scenario's output_filter_Hz)")
+      ->check(CLI::NonNegativeNumber);
+  session_app->add_option("--duration-s", session.duration_s, "ends the session")->check(CLI::PositiveNumber);
+  session_app->add_option("--threads", session.threads, "threads of the engine (default: all but one)")
+      ->check(CLI::Range(1, 256));
+  session_app->add_option("--set", session.overrides, "/json/pointer=value, changes the scenario")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  session_app->add_flag("--force", session.force, "replaces an earlier run in the folder");
+  session_app->add_flag("!--no-realtime", session.realtime,
+                        "asks for no real-time priority, locks no memory");
+  add_phantom(session_app, session.phantom);
+  session_app->add_option("--max-force-N", session.phantom.max_force_N, "phantom: largest force on the hand")
+      ->check(CLI::PositiveNumber);
+  session_app->add_option("--turn-deg", session.phantom.turn_deg, "phantom: turned about the scene's z axis");
+  session_app->add_option("--tip-offset-mm", session.phantom.tip_offset_mm, "phantom: from gimbal to tip");
+  session_app
+      ->add_option("--hold-button", session.phantom.hold_button, "phantom: force only while it is down")
+      ->check(CLI::Range(0, 3));
+  session_app->callback([&] { code = sulcus::session_command(session); });
+
+  sulcus::RecoverOptions recover;
+  auto* recover_app = app.add_subcommand("recover", "makes a recording of a session that was killed");
+  recover_app->footer("Example: sulcus recover session_20260131_101500");
+  recover_app->add_option("DIR", recover.folder, "folder of the session")->required();
+  recover_app->add_option("--threads", recover.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  recover_app->callback([&] { code = sulcus::recover_command(recover); });
+
+  sulcus::DeviceOptions device;
+  auto* device_app = app.add_subcommand("device", "looks at devices without moving them");
+  device_app->footer("Example: sulcus device --check phantom");
+  device_app->add_flag("--list", device.list, "shows the kinds of devices, and whether their driver is here");
+  device_app->add_option("--check", device.check, "tries everything but force")
+      ->check(CLI::IsMember({"phantom"}));
+  device_app->add_option("--seconds", device.watch_s, "for which the servo is watched")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  add_phantom(device_app, device.phantom);
+  device_app->callback([&] { code = sulcus::device_command(device); });
+
   sulcus::ReportOptions report;
   auto* report_app = app.add_subcommand("report", "writes a self-contained HTML page of one or more runs");
   report_app->footer("Example: sulcus report /tmp/run --out report.html");

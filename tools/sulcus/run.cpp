@@ -1,9 +1,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "engine/mesh/topology.h"
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/servo_replay.h"
 #include "tools/sulcus/support.h"
 #include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"
@@ -12,32 +12,6 @@
 namespace sulcus {
 namespace fs = std::filesystem;
 namespace {
-
-// A folder for the run: new, or emptied of an earlier run.
-void prepare_folder(const fs::path& out, bool force) {
-  std::error_code error;
-  if (fs::exists(out)) {
-    const bool is_run = fs::exists(out / "run.h5") || fs::exists(out / "run.h5.part");
-    if (!fs::is_directory(out)) throw InputError(out.string() + " is not a folder; give another --out");
-    if (!force && !fs::is_empty(out)) {
-      throw InputError(out.string() +
-                       " exists already; give another --out, or --force to replace the run in it");
-    }
-    if (force && !fs::is_empty(out) && !is_run) {
-      throw InputError(out.string() +
-                       " holds no run of Sulcus, so --force does not empty it; give another --out");
-    }
-    for (const char* name :
-         {"run.h5", "run.h5.part", "summary.json", "junit.xml", "report.html", "pictures"}) {
-      fs::remove_all(out / name, error);
-    }
-  }
-  fs::create_directories(out / "pictures", error);
-  if (error) {
-    throw EnvironmentError(out.string() + ": cannot be made (" + error.message() +
-                           "); give an --out that can be written to");
-  }
-}
 
 std::vector<DeviceSample> read_devices(std::vector<std::unique_ptr<Device>>& devices, double time_s) {
   std::vector<DeviceSample> samples(devices.size());
@@ -84,25 +58,6 @@ class ShotCollector {
   std::vector<ShotFrame> frames_;
 };
 
-void record_topology(const Scene& scene, RunWriter& writer) {
-  writer.set_number("cells", static_cast<double>(scene.mesh.cell_nodes.size()));
-  writer.set_number("nodes", static_cast<double>(scene.node_count()));
-  writer.set_number("tets", static_cast<double>(scene.tet_count()));
-  writer.set_number("mesh_pieces",
-                    static_cast<double>(mesh_pieces(scene.mesh.tets, scene.node_count()).item_count.size()));
-  // pieces of the voxels that the mesh holds: small islands may have been left out on purpose
-  LabelMap meshed = scene.settings.map;
-  std::int64_t left_out = 0;
-  for (std::size_t v = 0; v < meshed.labels.size(); ++v) {
-    if (scene.mesh.cell_of_voxel[v] >= 0 || meshed.labels[v] == 0) continue;
-    meshed.labels[v] = 0;
-    ++left_out;
-  }
-  writer.set_number("voxels_left_out", static_cast<double>(left_out));
-  writer.set_number("voxel_pieces",
-                    static_cast<double>(voxel_pieces(meshed, scene.settings.pairs).item_count.size()));
-}
-
 }  // namespace
 
 int run_command(const RunOptions& options) {
@@ -115,7 +70,8 @@ int run_command(const RunOptions& options) {
     device->calibrate();
     device->arm();
   }
-  const Scene scene = make_scene(scenario, &warnings);
+  std::vector<std::string> notes;
+  const Scene scene = make_scene(scenario, &warnings, &notes);
   print_warnings(warnings);
   prepare_folder(options.out, options.force);
 
@@ -131,7 +87,8 @@ int run_command(const RunOptions& options) {
   for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
   RunWriter writer(options.out / "run.h5", header, state);
   for (const std::string& warning : warnings) writer.add_warning(warning);
-  record_topology(scene, writer);
+  for (const std::string& note : notes) writer.add_event(0, note);
+  for (const auto& [name, value] : topology_numbers(scene)) writer.set_number(name, value);
 
   WorkspacePtr workspace = make_workspace(scene, threads);
   StepReport report = make_report(scene);
@@ -232,16 +189,27 @@ int replay_command(const ReplayOptions& options) {
     return false;
   };
   if (!compare(0)) return 1;
+  ServoReplay servo(scene, run);
   Progress progress(run.header.scenario_name + ": replay", run.steps);
   for (std::int64_t n = 0; n < run.steps; ++n) {
     const std::span<const DeviceSample> samples(run.samples.data() + static_cast<std::size_t>(n) * tools,
                                                 tools);
     step(scene, samples, state, report, *workspace);
     if (!compare(n + 1)) return 1;
+    servo.after_step(state);
     progress.at(n + 1);
+  }
+  const ServoReplay::Outcome ticks = servo.compare();
+  if (!ticks.difference.empty()) {
+    std::printf("DIFFERS in what the servo rendered, first: %s\n", ticks.difference.c_str());
+    return 1;
   }
   std::printf("SAME  %s: %lld steps, fingerprint %s\n", run.header.scenario_name.c_str(),
               static_cast<long long>(run.steps), hex16(run.fingerprint()).c_str());
+  if (run.session) {
+    std::printf("SAME  %lld ticks of the servo; %lld more stand behind a gap and were not compared\n",
+                static_cast<long long>(ticks.ticks), static_cast<long long>(ticks.skipped));
+  }
   return 0;
 }
 

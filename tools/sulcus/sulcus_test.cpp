@@ -102,6 +102,41 @@ TEST_F(Command, CylinderRunsVerifiesReplaysAndReports) {
   EXPECT_TRUE(contains(again.output, "--force")) << again.output;
 }
 
+TEST_F(Command, TissueTearsAsInTheGoldenOutputsAndReplaysTheSame) {
+  for (const std::string name :
+       {"fracture_pull", "fracture_pull_hinges", "blunt_dissection", "brain_dissection"}) {
+    if (name == "brain_dissection" && !fs::exists(brain_map)) {
+      std::printf("%s left out: %s is missing, install the package mricron-data\n", name.c_str(), brain_map);
+      continue;
+    }
+    const Result run = command("run " + name + " --out " + out(name));
+    ASSERT_EQ(run.code, 0) << run.output;
+    const Result verify = command("verify " + out(name) + " --golden '" + (source / "golden").string() + "'");
+    EXPECT_EQ(verify.code, 0) << verify.output;
+    EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
+    EXPECT_TRUE(contains(verify.output, "torn_stays_torn")) << verify.output;
+  }
+  for (int threads : {1, 3}) {
+    const Result replay =
+        command("replay " + out("fracture_pull/run.h5") + " --threads " + std::to_string(threads));
+    EXPECT_EQ(replay.code, 0) << replay.output;
+  }
+  const Result report = command("report " + out("blunt_dissection") + " --out " + out("report.html"));
+  EXPECT_EQ(report.code, 0) << report.output;
+  EXPECT_TRUE(contains(read(folder / "report.html"), "Torn elements"));
+}
+
+TEST_F(Command, TissueThatTearsAllAtOnceIsExplained) {
+  const Result run = command(
+      "run fracture_pull --no-pictures --set /tissue/default/fracture_threshold_Pa=0.01 "
+      "--set /tissue/labels/2/fracture_threshold_Pa=0.01 --set /fracture/criterion=largest_absolute "
+      "--set /time/duration_s=0.4 --set /pictures/shots='[]' --out " +
+      out("run"));
+  EXPECT_EQ(run.code, 0) << run.output;
+  EXPECT_TRUE(contains(run.output, "the whole tissue is torn")) << run.output;
+  EXPECT_EQ(command("report " + out("run") + " --out " + out("report.html")).code, 0);
+}
+
 TEST_F(Command, ReplayNamesTheFirstDifference) {
   ASSERT_EQ(
       command("run cylinder_retraction --no-pictures --set /time/duration_s=3.3 --out " + out("run")).code,

@@ -19,6 +19,17 @@ int threads_or_all(int threads);  // threads, or all that the machine has for 0
 std::map<std::string, std::string> build_provenance();
 std::filesystem::path find_scenario(const std::string& name_or_path);
 
+// A folder for a run: new, or with `force` emptied of an earlier run.
+void prepare_folder(const std::filesystem::path& out, bool force);
+
+// "cells", "mesh_pieces", "voxel_pieces", ...: what the statements need to know of the mesh.
+std::map<std::string, double> topology_numbers(const Scene& scene);
+
+// The log of a session becomes run.h5 and summary.json in `out`; the log goes, and the numbers are printed.
+void record_log(const std::filesystem::path& log, const std::filesystem::path& out, const Scenario& scenario,
+                const Scene& scene, int threads);
+void print_session(const RunData& run);  // nothing for a recording that is no session
+
 // Statements, and golden comparison (values, bits, pictures) if `golden` is not empty: a folder with
 // golden.json, or with <scenario>/golden.json.
 std::vector<Check> check_run(const RunData& run, const std::filesystem::path& run_dir,

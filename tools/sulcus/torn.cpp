@@ -1,6 +1,7 @@
 #include "tools/sulcus/torn.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <map>
 
 #include "engine/fracture/hanging.h"
@@ -9,6 +10,11 @@
 
 namespace sulcus {
 namespace {
+
+void warn(const std::string& text, RunWriter& writer) {
+  writer.add_warning(text);
+  std::fprintf(stderr, "warning: %s\n", text.c_str());
+}
 
 // Pieces that nothing holds any more: they float, or fall where there is gravity.
 void warn_of_loose_pieces(const Scene& scene, const Pieces& pieces, RunWriter& writer) {
@@ -28,8 +34,9 @@ void warn_of_loose_pieces(const Scene& scene, const Pieces& pieces, RunWriter& w
   }
   writer.set_number("loose_pieces_at_end", static_cast<double>(loose));
   if (loose > 0) {
-    writer.add_warning(std::to_string(loose) + " torn-off pieces of together " + std::to_string(elements) +
-                       " elements are held by nothing at the end and float");
+    warn(std::to_string(loose) + " torn-off pieces of together " + std::to_string(elements) +
+             " elements are held by nothing at the end and float",
+         writer);
   }
 }
 
@@ -52,7 +59,7 @@ void record_torn(const Scene& scene, const State& state, const HangingRecord& ha
   const Pieces pieces = mesh_pieces(scene.mesh.tets, scene.node_count(), state.alive);
   writer.set_number("mesh_pieces_at_end", static_cast<double>(pieces.item_count.size()));
   if (std::count(state.alive.begin(), state.alive.end(), 1) == 0) {
-    writer.add_warning("the whole tissue is torn: raise the thresholds, or shorten the pull");
+    warn("the whole tissue is torn: raise the thresholds, or shorten the pull", writer);
   }
   warn_of_loose_pieces(scene, pieces, writer);
   writer.set_number("hanging/most_elements", static_cast<double>(hanging.most_elements));

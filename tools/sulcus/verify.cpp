@@ -47,6 +47,7 @@ int summary_command(const fs::path& dir, const fs::path& golden) {
                 tool.max_displayed_force_N, 1e3 * tool.max_penetration_m,
                 static_cast<long long>(tool.max_contacts));
   }
+  print_session(run);
   for (const Check& check : checks)
     std::printf("%-16s %s\n", check.passed ? "holds" : "BROKEN", check.name.c_str());
   std::printf("%-16s %s\n", "fingerprint", hex16(summary.fingerprint).c_str());
@@ -73,7 +74,9 @@ int report_command(const ReportOptions& options) {
       input.pictures.push_back({caption, read_png(file)});
     }
     input.reproduce = "sulcus run " + scenario.name + " --out DIR";
-    for (const std::string& override : run.header.overrides) input.reproduce += " --set '" + override + "'";
+    if (run.session) input.reproduce = "sulcus replay " + (dir / "run.h5").string();
+    for (const std::string& override : run.session ? std::vector<std::string>() : run.header.overrides)
+      input.reproduce += " --set '" + override + "'";
     inputs.push_back(std::move(input));
   }
   write_report(inputs, options.out);
