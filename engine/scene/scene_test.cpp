@@ -231,7 +231,7 @@ TEST(Step, AllocatesNothingAfterTheFirst) {
 
 TEST(Step, RefusesAProcessorThatDropsSubnormalNumbers) {
   testing::FLAGS_gtest_death_test_style = "threadsafe";
-  const Scene scene = build(block_description(2, 0.01));
+  const Scene scene = build(block_description({2, 2, 2}, 0.01));
   WorkspacePtr workspace = make_workspace(scene, 1);
   State state = initial_state(scene, {});
   StepReport report = make_report(scene);
