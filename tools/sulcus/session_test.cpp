@@ -207,7 +207,7 @@ TEST_F(UnderLoad, ALostPhantomEndsTheSessionWithACompleteRecording) {
 TEST_F(UnderLoad, SpoiledScriptsRunAgain) {
   const Result result = session(
       "--no-realtime --hand light --fault lost_share=0.3 --fault jitter_s=0.003 "
-      "--fault nan_from_s=0.2 --fault nan_for_s=0.1 --fault stuck_from_s=0.4 "
+      "--fault nan_from_s=0.15 --fault nan_for_s=0.4 --fault stuck_from_s=0.6 "
       "--fault stuck_for_s=0.1");
   ASSERT_EQ(result.code, 0) << result.output;
   EXPECT_GT(value_of(run(), "session_held_samples"), 0);
