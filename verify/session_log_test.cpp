@@ -6,6 +6,7 @@
 
 #include <csignal>
 #include <fstream>
+#include <optional>
 #include <random>
 #include <set>
 #include <thread>
@@ -246,7 +247,9 @@ TEST(SessionLog, AKilledProcessLeavesWhatItWrote) {
   const Written whole = finished_log(dir / "whole", 200);
   std::mt19937_64 random(8);
   std::int64_t most = 0;
+  int recovered = 0;
   for (int kill_number = 0; kill_number < 50; ++kill_number) {
+    fs::remove(dir / "log");
     const pid_t child = fork();
     if (child == 0) {
       const RunHeader header = session_header();
@@ -255,14 +258,23 @@ TEST(SessionLog, AKilledProcessLeavesWhatItWrote) {
       write_session(log, header, state, 200, 0.001);
       for (;;) pause();
     }
-    std::this_thread::sleep_for(std::chrono::microseconds(30000 + random() % 120000));
+    for (int ms = 0; ms < 20000 && !fs::exists(dir / "log"); ++ms)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 120000));
     kill(child, SIGKILL);
     int status = 0;
     waitpid(child, &status, 0);
     ASSERT_TRUE(WIFSIGNALED(status));
-    const RecoveredSession session = record_session_log(dir / "log", dir / "run.h5", small_engine());
+    std::optional<RecoveredSession> session;
+    try {
+      session = record_session_log(dir / "log", dir / "run.h5", small_engine());
+    } catch (const InputError&) {  // it died before the first chunk was whole
+      ASSERT_LT(fs::file_size(dir / "log"), 5000u) << kill_number;
+      continue;
+    }
+    ++recovered;
     const RunData run = read_run(dir / "run.h5");
-    ASSERT_FALSE(session.ended);
+    ASSERT_FALSE(session->ended);
     ASSERT_EQ(run.fingerprint(), whole.chain[static_cast<std::size_t>(run.steps)]) << kill_number;
     std::uint64_t expected = 0;
     for (const ServoTick& tick : run.session->ticks[0]) {
@@ -272,6 +284,7 @@ TEST(SessionLog, AKilledProcessLeavesWhatItWrote) {
     most = std::max(most, run.steps);
   }
   EXPECT_GT(most, 10);
+  EXPECT_GT(recovered, 40);
 }
 
 }  // namespace

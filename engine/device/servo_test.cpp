@@ -79,16 +79,20 @@ TEST(Servo, ExtrapolationStaysWithinItsBounds) {
   CouplingSnapshot coupling = still_tool();
   coupling.tool_linear_velocity = {1, 0, 0};
   coupling.tool_angular_velocity = {0, 0, 10};
+  ServoSettings settings;
+  settings.max_extrapolation_s = 0.05;
+  settings.max_extrapolation_m = 0.002;
+  settings.max_extrapolation_rad = 0.05;
   ServoState state;
-  const DeviceCommand far = render(coupling, hand_at(0.04, Vec3::Zero()), {}, state);
+  const DeviceCommand far = render(coupling, hand_at(0.04, Vec3::Zero()), settings, state);
   EXPECT_NEAR(far.force.x(), 1000 * 0.002, 1e-12);
   EXPECT_NEAR(far.torque.z(), 0.3 * 0.05, 1e-12);
   coupling.tool_linear_velocity = {0.01, 0, 0};
-  const DeviceCommand late = render(coupling, hand_at(0.15, Vec3::Zero()), {}, state);
+  const DeviceCommand late = render(coupling, hand_at(0.15, Vec3::Zero()), settings, state);
   EXPECT_NEAR(late.force.x(), 1000 * 0.01 * 0.05, 1e-12);
   // A sample from before the snapshot does not carry the tool backwards.
   coupling.time_s = 1;
-  EXPECT_EQ(render(coupling, hand_at(0.9, Vec3::Zero()), {}, state).force.norm(), 0);
+  EXPECT_EQ(render(coupling, hand_at(0.9, Vec3::Zero()), settings, state).force.norm(), 0);
 }
 
 TEST(Servo, FilterReachesAStepAsTheExponentialDoes) {

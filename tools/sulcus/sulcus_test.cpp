@@ -126,6 +126,17 @@ TEST_F(Command, TissueTearsAsInTheGoldenOutputsAndReplaysTheSame) {
   EXPECT_TRUE(contains(read(folder / "report.html"), "Torn elements"));
 }
 
+TEST_F(Command, ForcedOpeningsAreAsInTheGoldenOutputs) {
+  for (const std::string name : {"letter_g", "letter_g_joined", "circle_in_ring", "four_labels",
+                                 "cylinder_opening", "cylinder_opening_gap_only"}) {
+    const Result run = command("run " + name + " --out " + out(name));
+    ASSERT_EQ(run.code, 0) << run.output;
+    const Result verify = command("verify " + out(name) + " --golden '" + (source / "golden").string() + "'");
+    EXPECT_EQ(verify.code, 0) << verify.output;
+    EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
+  }
+}
+
 TEST_F(Command, TissueThatTearsAllAtOnceIsExplained) {
   const Result run = command(
       "run fracture_pull --no-pictures --set /tissue/default/fracture_threshold_Pa=0.01 "
