@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,9 @@ struct DeviceUnderTest {
   std::function<std::unique_ptr<Device>()> make;                 // gives samples for at least 2 s
   std::function<void(double)> pass = [](double /*seconds*/) {};  // lets time pass for devices with a clock
 };
+inline void PrintTo(const DeviceUnderTest& device, std::ostream* out) {
+  *out << device.name;  // GoogleTest would print the bytes, addresses among them
+}
 
 class DeviceConformance : public testing::TestWithParam<DeviceUnderTest> {
  protected:
