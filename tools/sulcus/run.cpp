@@ -78,13 +78,7 @@ int run_command(const RunOptions& options) {
   const int threads = threads_or_all(options.threads);
   const double h = scenario.scene.step_s;
   State state = initial_state(scene, read_devices(devices, 0));
-  RunHeader header = make_run_header(scene);
-  header.scenario_name = scenario.name;
-  header.scenario_json = scenario.resolved_json;
-  header.overrides = options.overrides;
-  header.build = build_provenance();
-  header.threads = threads;
-  for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
+  RunHeader header = recording_header(scenario, scene, options.overrides, threads);
   RunWriter writer(options.out / "run.h5", header, state);
   for (const std::string& warning : warnings) writer.add_warning(warning);
   for (const std::string& note : notes) writer.add_event(0, note);

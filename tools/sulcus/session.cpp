@@ -66,13 +66,7 @@ std::vector<DeviceSample> take_hands(const Scenario& scenario, const std::vector
 
 RunHeader session_header(const SessionOptions& options, const Scenario& scenario, const Scene& scene,
                          const std::vector<std::unique_ptr<Hand>>& hands, int threads) {
-  RunHeader header = make_run_header(scene);
-  header.scenario_name = scenario.name;
-  header.scenario_json = scenario.resolved_json;
-  header.overrides = options.overrides;
-  header.build = build_provenance();
-  header.threads = threads;
-  for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
+  RunHeader header = recording_header(scenario, scene, options.overrides, threads);
   if (!options.from.empty()) header.inputs[options.from.string()] = hash_file(options.from);
   header.session.emplace();
   for (const auto& hand : hands) {

@@ -11,6 +11,7 @@
 #include "engine/numerics/error.h"
 #include "engine/numerics/isa.h"
 #include "tools/sulcus/build_info.h"
+#include "verify/fingerprint.h"
 #include "verify/golden.h"
 #include "verify/picture_diff.h"
 #include "verify/png.h"
@@ -235,6 +236,18 @@ void Progress::at(std::int64_t done) {
   visible_ = true;
   std::fprintf(stderr, "\r%s: %lld of %lld (%.0f s)", what_.c_str(), static_cast<long long>(done),
                static_cast<long long>(total_), std::chrono::duration<double>(now - start_).count());
+}
+
+RunHeader recording_header(const Scenario& scenario, const Scene& scene,
+                           const std::vector<std::string>& overrides, int threads) {
+  RunHeader header = make_run_header(scene);
+  header.scenario_name = scenario.name;
+  header.scenario_json = scenario.resolved_json;
+  header.overrides = overrides;
+  header.build = build_provenance();
+  header.threads = threads;
+  for (const fs::path& file : scenario.input_files) header.inputs[file.string()] = hash_file(file);
+  return header;
 }
 
 }  // namespace sulcus

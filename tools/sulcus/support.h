@@ -17,6 +17,11 @@ namespace sulcus {
 
 int threads_or_all(int threads);  // threads, or all that the machine has for 0
 std::map<std::string, std::string> build_provenance();
+
+// Header of a recording: mesh and tools of the scene, the scenario with its overrides and the hashes of its
+// files.
+RunHeader recording_header(const Scenario& scenario, const Scene& scene,
+                           const std::vector<std::string>& overrides, int threads);
 std::filesystem::path find_scenario(const std::string& name_or_path);
 
 // A folder for a run: new, or with `force` emptied of an earlier run.
