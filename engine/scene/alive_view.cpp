@@ -22,7 +22,7 @@ void update(const Scene& scene, std::span<const std::uint8_t> alive, AliveView& 
   if (view.seen.empty()) {
     view.seen.assign(alive.begin(), alive.end());
     view.free_node.assign(scene.free_node.size(), 0);
-    if (scene.settings.detection == ContactDetection::surface_nodes) {
+    if (!scene.faces.across.empty()) {  // scenes with tools and contact by nodes
       view.boundary.assign(scene.free_node.size(), 0);
     }
     for (std::int64_t n = 0; n < scene.node_count(); ++n) refresh(static_cast<std::int32_t>(n));
