@@ -150,7 +150,8 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
       << "set xlabel " << quoted(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
       << "set ylabel " << quoted(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
       << "set xtics autofreq\nset style fill solid 0.85 noborder\n"
-      << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 font ',12' tc rgb '"
+      << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 maxcols 4 font ',12' tc "
+         "rgb '"
       << ink << "'\n"
       << axis_ranges(chart, x, y);
   if (chart.has_bound) {

@@ -8,11 +8,6 @@
 namespace sulcus {
 namespace {
 
-Vec3 node_position(std::span<const double> positions, std::int32_t node) {
-  const auto n = static_cast<std::size_t>(node);
-  return {positions[3 * n], positions[3 * n + 1], positions[3 * n + 2]};
-}
-
 struct Box {
   Vec3 low, high;
 };
@@ -23,9 +18,9 @@ void collect_candidates(const EmbeddingMesh& mesh, std::span<const double> posit
                         std::vector<std::int32_t>& candidates) {
   candidates.clear();
   const auto meets = [&](const std::int32_t* nodes, int count) {
-    Vec3 low = node_position(positions, nodes[0]), high = low;
+    Vec3 low = node_vector(positions, nodes[0]), high = low;
     for (int c = 1; c < count; ++c) {
-      const Vec3 x = node_position(positions, nodes[c]);
+      const Vec3 x = node_vector(positions, nodes[c]);
       low = low.cwiseMin(x);
       high = high.cwiseMax(x);
     }
@@ -71,9 +66,9 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
   search.cell_start.assign(count + 1, 0);
   const auto for_cells_of = [&](std::int32_t tet, auto&& use) {
     const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
-    Vec3 low = node_position(positions, nodes[0]), high = low;
+    Vec3 low = node_vector(positions, nodes[0]), high = low;
     for (int c = 1; c < 4; ++c) {
-      const Vec3 x = node_position(positions, nodes[static_cast<std::size_t>(c)]);
+      const Vec3 x = node_vector(positions, nodes[static_cast<std::size_t>(c)]);
       low = low.cwiseMin(x);
       high = high.cwiseMax(x);
     }
@@ -103,10 +98,10 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
 bool barycentric(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
                  const Vec3& x, std::array<double, 4>& weights) {
   const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
-  const Vec3 x0 = node_position(positions, nodes[0]);
-  const Vec3 a = node_position(positions, nodes[1]) - x0;
-  const Vec3 b = node_position(positions, nodes[2]) - x0;
-  const Vec3 c = node_position(positions, nodes[3]) - x0;
+  const Vec3 x0 = node_vector(positions, nodes[0]);
+  const Vec3 a = node_vector(positions, nodes[1]) - x0;
+  const Vec3 b = node_vector(positions, nodes[2]) - x0;
+  const Vec3 c = node_vector(positions, nodes[3]) - x0;
   const Vec3 d = x - x0;
   const double det = a.dot(b.cross(c));
   if (!(std::fabs(det) > 1e-24)) return false;
@@ -196,7 +191,7 @@ bool world_normal(const EmbeddingMesh& mesh, std::span<const double> positions, 
     const std::int32_t node = nodes[static_cast<std::size_t>(a + 1)];
     rest.col(a) = mesh.rest_positions[static_cast<std::size_t>(node)] -
                   mesh.rest_positions[static_cast<std::size_t>(nodes[0])];
-    now.col(a) = node_position(positions, node) - node_position(positions, nodes[0]);
+    now.col(a) = node_vector(positions, node) - node_vector(positions, nodes[0]);
   }
   const Mat3 f = now * rest.inverse();
   Mat3 cofactors;
@@ -286,7 +281,7 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
     Vec3 surface_world = Vec3::Zero();
     for (std::size_t c = 0; c < 4; ++c) {
       surface_world +=
-          contact.weights[c] * node_position(positions, mesh.tets[static_cast<std::size_t>(contact.tet)][c]);
+          contact.weights[c] * node_vector(positions, mesh.tets[static_cast<std::size_t>(contact.tet)][c]);
     }
     contact.gap = p - surface_world;
     if (!(contact.gap.dot(contact.normal) < 0)) continue;  // folded tissue: already outside

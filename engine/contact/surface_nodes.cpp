@@ -14,13 +14,6 @@ bool present(std::span<const std::uint8_t> alive, std::int32_t tet) {
   return tet >= 0 && (alive.empty() || alive[at(tet)] != 0);
 }
 
-Vec3 position_of(std::span<const double> positions, std::int32_t node) {
-  return {positions[at(3 * node)], positions[at(3 * node + 1)], positions[at(3 * node + 2)]};
-}
-
-// Corners of the face opposite corner c, counter-clockwise from outside of a tetrahedron of positive volume.
-constexpr int face_corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-
 // Sum of the areas of the boundary faces around a node, times their outward normals, m^2.
 Vec3 boundary_area(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive,
                    std::span<const double> positions, std::int32_t node) {
@@ -31,7 +24,7 @@ Vec3 boundary_area(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive
     for (int c = 0; c < 4; ++c) {
       if (c == own || is_covered(mesh.faces, alive, 4 * tet + c)) continue;
       const auto corner = [&](int k) {
-        return position_of(positions, mesh.tets[at(tet)][at(face_corners[c][k])]);
+        return node_vector(positions, mesh.tets[at(tet)][face_corners[at(c)][at(k)]]);
       };
       const Vec3 x0 = corner(0);
       area += 0.5 * (corner(1) - x0).cross(corner(2) - x0);
@@ -94,7 +87,7 @@ void find_node_contacts(const BoundaryMesh& mesh, std::span<const std::uint8_t> 
   for (std::size_t n = 0; n < boundary.size(); ++n) {
     if (!boundary[n]) continue;
     const auto node = static_cast<std::int32_t>(n);
-    const Vec3 x = position_of(positions, node);
+    const Vec3 x = node_vector(positions, node);
     const Vec3 body = to_body * (x - pose.position);
     if (!((body.array() > distance.origin.array()).all() && (body.array() < high.array()).all())) continue;
     Vec3 slope;

@@ -20,15 +20,7 @@ FemKernels<Real> table();
 
 template <class Real>
 FemKernels<Real> fem_kernels(Isa isa) {
-  switch (isa) {
-    case Isa::avx512:
-      return isa_avx512::table<Real>();
-    case Isa::avx2:
-      return isa_avx2::table<Real>();
-    case Isa::sse2:
-      break;
-  }
-  return isa_sse2::table<Real>();
+  return compiled_for(isa, isa_sse2::table<Real>, isa_avx2::table<Real>, isa_avx512::table<Real>)();
 }
 template FemKernels<float> fem_kernels<float>(Isa);
 template FemKernels<double> fem_kernels<double>(Isa);

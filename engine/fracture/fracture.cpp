@@ -23,9 +23,7 @@ FractureKernels fracture_table();
 }
 
 FractureKernels fracture_kernels(Isa isa) {
-  if (isa == Isa::avx512) return isa_avx512::fracture_table();
-  if (isa == Isa::avx2) return isa_avx2::fracture_table();
-  return isa_sse2::fracture_table();
+  return compiled_for(isa, isa_sse2::fracture_table, isa_avx2::fracture_table, isa_avx512::fracture_table)();
 }
 
 namespace {

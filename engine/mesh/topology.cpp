@@ -81,13 +81,11 @@ FaceNeighbours face_neighbours(std::span<const std::array<std::int32_t, 4>> tets
     bool flipped;  // seen from outside the nodes run the other way round: tells the sides apart
     std::int32_t name;
   };
-  // corners of the face opposite each corner, counter-clockwise from outside
-  constexpr std::size_t outside[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
   std::vector<Face> all;
   all.reserve(4 * tets.size());
   for (std::size_t t = 0; t < tets.size(); ++t) {
     for (std::size_t c = 0; c < 4; ++c) {
-      const auto& o = outside[c];
+      const auto& o = face_corners[c];
       Face face{{tets[t][o[0]], tets[t][o[1]], tets[t][o[2]]}, false, static_cast<std::int32_t>(4 * t + c)};
       const auto order = [&](std::size_t i, std::size_t j) {
         if (face.nodes[i] < face.nodes[j]) return;

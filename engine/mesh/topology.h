@@ -26,6 +26,10 @@ struct NodeStars {
 };
 NodeStars build_node_stars(std::span<const std::array<std::int32_t, 4>> tets, std::int64_t node_count);
 
+// Corners of the face opposite corner c, counter-clockwise from outside of a tetrahedron of positive volume.
+inline constexpr std::array<std::array<std::size_t, 3>, 4> face_corners = {
+    {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
 // Who shares a face. Two superimposed copies of a cell may both be linked to one copy behind a face, so a
 // face can have several tetrahedra on the same side. A face of a tetrahedron is named tet*4 + opposite
 // corner.

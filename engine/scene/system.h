@@ -65,12 +65,6 @@ inline std::span<const std::uint8_t> present(const Scene& scene, const State& st
   return scene.fracture ? std::span<const std::uint8_t>(state.alive) : std::span<const std::uint8_t>();
 }
 
-// Entry `node` of an array [3*nodes], xyz interleaved.
-inline Vec3 node_vector(std::span<const double> values, std::int32_t node) {
-  const auto n = static_cast<std::size_t>(node);
-  return {values[3 * n], values[3 * n + 1], values[3 * n + 2]};
-}
-
 // Assembles the system of tissue, tools and workspace.contacts for the step after `state` (the rotations in
 // it are brought up to date) and solves it for workspace.increments and the tools' increments (equations.md
 // 4). tolerance and floor_m_s as in SolverSettings. again: the call before was for the same step, with

@@ -24,15 +24,8 @@ SolverKernels<Real> solver_table();
 
 template <class Real>
 SolverKernels<Real> solver_kernels(Isa isa) {
-  switch (isa) {
-    case Isa::avx512:
-      return isa_avx512::solver_table<Real>();
-    case Isa::avx2:
-      return isa_avx2::solver_table<Real>();
-    case Isa::sse2:
-      break;
-  }
-  return isa_sse2::solver_table<Real>();
+  return compiled_for(isa, isa_sse2::solver_table<Real>, isa_avx2::solver_table<Real>,
+                      isa_avx512::solver_table<Real>)();
 }
 
 template <class Real>

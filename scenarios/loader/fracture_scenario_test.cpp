@@ -9,6 +9,7 @@
 
 #include "engine/numerics/error.h"
 #include "scenarios/loader/scenario.h"
+#include "scenarios/loader/test_refusal.h"
 
 namespace sulcus {
 namespace {
@@ -39,17 +40,8 @@ Scenario load(const json& document) {
   return load_scenario_text(document.dump(), "test.json", ".");
 }
 
-void expect_refused(const std::function<void()>& action, const std::vector<std::string>& words) {
-  try {
-    action();
-    FAIL() << "nothing was refused";
-  } catch (const InputError& error) {
-    const std::string message = error.what();
-    for (const std::string& word : words) EXPECT_NE(message.find(word), std::string::npos) << message;
-  }
-}
 void expect_refused(const json& document, const std::vector<std::string>& words) {
-  expect_refused([&] { load(document); }, words);
+  expect_refusal([&] { load(document); }, words);
 }
 
 TEST(TearingScenario, IsReadAsItStands) {

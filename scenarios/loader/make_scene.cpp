@@ -31,34 +31,53 @@ struct ReadSource {
   }
 };
 
+// Gives the labelled voxels for which wanted(voxel centre, m) holds the label `to`; returns how many changed.
+template <class Wanted>
+std::int64_t paint(LabelMap& map, std::int32_t to, Wanted&& wanted) {
+  std::int64_t changed = 0;
+  for (int k = 0; k < map.size[2]; ++k) {
+    for (int j = 0; j < map.size[1]; ++j) {
+      for (int i = 0; i < map.size[0]; ++i) {
+        std::int32_t& label = map.labels[map.index(i, j, k)];
+        if (label == 0 || label == to || !wanted(map.to_world(Vec3(i, j, k)))) continue;
+        label = to;
+        ++changed;
+      }
+    }
+  }
+  return changed;
+}
+
+// Does an operation; returns the number of voxels that it changed.
 struct Operate {
   LabelMap& map;
   const SeparationPairs& pairs;
 
-  void operator()(const FillVoidsOperation&) const { fill_voids(map); }
-  void operator()(const CropOperation& crop) const { crop_to_content(map, crop.margin_voxels); }
-  void operator()(const DropPiecesOperation& drop) const {
+  std::int64_t operator()(const FillVoidsOperation&) const { return fill_voids(map); }
+  std::int64_t operator()(const CropOperation& crop) const {
+    return crop_to_content(map, crop.margin_voxels);
+  }
+  std::int64_t operator()(const DropPiecesOperation& drop) const {
     const double voxels =
         std::ceil(drop.below_m3 / (map.spacing[0] * map.spacing[1] * map.spacing[2]) - 1e-9);
-    drop_small_pieces(map, pairs, std::max(drop.below_voxels, static_cast<std::int64_t>(voxels)));
+    return drop_small_pieces(map, pairs, std::max(drop.below_voxels, static_cast<std::int64_t>(voxels)));
   }
-
-  void operator()(const PaintBoxOperation& box) const {
-    for (int k = 0; k < map.size[2]; ++k) {
-      for (int j = 0; j < map.size[1]; ++j) {
-        for (int i = 0; i < map.size[0]; ++i) {
-          std::int32_t& label = map.labels[map.index(i, j, k)];
-          if (label != 0 && within(map.to_world(Vec3(i, j, k)), box.min_m, box.max_m)) label = box.label;
-        }
-      }
-    }
+  std::int64_t operator()(const RelabelOperation& relabel) const {
+    return relabel.to == 0 ? drop_labels(map, relabel.from) : merge_labels(map, relabel.from, relabel.to);
+  }
+  std::int64_t operator()(const KeepLabelsOperation& keep) const { return keep_labels(map, keep.labels); }
+  std::int64_t operator()(const KeepBoxOperation& box) const {
+    return paint(map, 0, [&](const Vec3& centre) { return !within(centre, box.min_m, box.max_m); });
+  }
+  std::int64_t operator()(const PaintBoxOperation& box) const {
+    return paint(map, box.label, [&](const Vec3& centre) { return within(centre, box.min_m, box.max_m); });
   }
 
   // Grows from the voxels at the faces of pairs, a voxel at a time, within the labelled ones.
-  void operator()(const LayerOperation& layer) const {
+  std::int64_t operator()(const LayerOperation& layer) const {
     const std::array<int, 3> step = {1, map.size[0], map.size[0] * map.size[1]};
-    const std::vector<std::int32_t> before = map.labels;
-    std::vector<std::uint8_t> chosen(before.size(), 0);
+    const std::vector<std::int32_t>& labels = map.labels;
+    std::vector<std::uint8_t> chosen(labels.size(), 0);
     const auto for_faces = [&](auto&& visit) {
       for (int k = 0; k < map.size[2]; ++k) {
         for (int j = 0; j < map.size[1]; ++j) {
@@ -73,42 +92,22 @@ struct Operate {
       }
     };
     for_faces([&](std::size_t a, std::size_t b) {
-      if (before[a] != 0 && before[b] != 0 && before[a] != before[b] && pairs.contains(before[a], before[b]))
+      if (labels[a] != 0 && labels[b] != 0 && labels[a] != labels[b] && pairs.contains(labels[a], labels[b]))
         chosen[a] = chosen[b] = 1;
     });
     for (int round = 1; round < layer.voxels; ++round) {
       const std::vector<std::uint8_t> inner = chosen;
       for_faces([&](std::size_t a, std::size_t b) {
-        if (inner[a] != inner[b] && before[a] != 0 && before[b] != 0) chosen[a] = chosen[b] = 1;
+        if (inner[a] != inner[b] && labels[a] != 0 && labels[b] != 0) chosen[a] = chosen[b] = 1;
       });
     }
+    std::int64_t changed = 0;
     for (std::size_t v = 0; v < chosen.size(); ++v) {
-      if (chosen[v]) map.labels[v] = layer.label;
+      if (!chosen[v] || map.labels[v] == layer.label) continue;
+      map.labels[v] = layer.label;
+      ++changed;
     }
-  }
-
-  void operator()(const RelabelOperation& relabel) const {
-    const std::set<std::int32_t> from(relabel.from.begin(), relabel.from.end());
-    for (std::int32_t& label : map.labels) {
-      if (label != 0 && from.count(label) != 0) label = relabel.to;
-    }
-  }
-
-  void operator()(const KeepLabelsOperation& keep) const {
-    const std::set<std::int32_t> kept(keep.labels.begin(), keep.labels.end());
-    for (std::int32_t& label : map.labels) {
-      if (label != 0 && kept.count(label) == 0) label = 0;
-    }
-  }
-
-  void operator()(const KeepBoxOperation& box) const {
-    for (int k = 0; k < map.size[2]; ++k) {
-      for (int j = 0; j < map.size[1]; ++j) {
-        for (int i = 0; i < map.size[0]; ++i) {
-          if (!within(map.to_world(Vec3(i, j, k)), box.min_m, box.max_m)) map.labels[map.index(i, j, k)] = 0;
-        }
-      }
-    }
+    return changed;
   }
 };
 
@@ -294,16 +293,8 @@ void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vecto
 LabelMap load_label_map(const Scenario& scenario, std::vector<std::string>* notes) {
   LabelMap map = std::visit(ReadSource{}, scenario.map_source);
   for (const LabelOperation& operation : scenario.map_operations) {
-    const LabelMap before = map;
-    std::visit(Operate{map, scenario.scene.pairs}, operation);
+    const std::int64_t changed = std::visit(Operate{map, scenario.scene.pairs}, operation);
     if (notes == nullptr) continue;
-    std::int64_t changed = 0;
-    if (map.labels.size() != before.labels.size()) {
-      changed =
-          static_cast<std::int64_t>(before.labels.size()) - static_cast<std::int64_t>(map.labels.size());
-    } else {
-      for (std::size_t v = 0; v < map.labels.size(); ++v) changed += map.labels[v] != before.labels[v];
-    }
     static constexpr std::array names = {"relabel",           "keep_labels",         "keep_box_mm",
                                          "paint_box_mm",      "layer_between_pairs", "fill_voids",
                                          "drop_pieces_below", "crop_to_content"};

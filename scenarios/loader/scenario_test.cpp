@@ -10,6 +10,7 @@
 
 #include "engine/numerics/error.h"
 #include "scenarios/loader/images.h"
+#include "scenarios/loader/test_refusal.h"
 
 namespace sulcus {
 namespace {
@@ -54,18 +55,8 @@ Scenario load(const json& document, const std::vector<std::string>& overrides = 
   return load_scenario_text(document.dump(), "test.json", fs::temp_directory_path(), overrides);
 }
 
-void expect_refused(const std::function<void()>& action, const std::vector<std::string>& words) {
-  try {
-    action();
-    FAIL() << "nothing was refused";
-  } catch (const InputError& error) {
-    const std::string message = error.what();
-    for (const std::string& word : words) EXPECT_NE(message.find(word), std::string::npos) << message;
-  }
-}
-
 void expect_refused(const json& document, const std::vector<std::string>& words) {
-  expect_refused([&] { load(document); }, words);
+  expect_refusal([&] { load(document); }, words);
 }
 
 bool mentions(const std::vector<std::string>& lines, const std::string& words) {
@@ -172,25 +163,25 @@ TEST(Overrides, SetNumbersTextsAndWholeParts) {
 
 TEST(Overrides, ThatPointNowhereAreRefused) {
   const json document = full_scenario();
-  expect_refused([&] { load(document, {"/solver/tolerence=1e-3"}); },
+  expect_refusal([&] { load(document, {"/solver/tolerence=1e-3"}); },
                  {"/solver/tolerence", "did you mean \"tolerance\""});
-  expect_refused([&] { load(document, {"/tools/3/name=x"}); },
+  expect_refusal([&] { load(document, {"/tools/3/name=x"}); },
                  {"/tools/3/name=x", "1 elements", "no element 3"});
-  expect_refused([&] { load(document, {"/tools/-1/name=x"}); }, {"no element -1"});
-  expect_refused([&] { load(document, {"/mesh/size_mm/x=1"}); }, {"/mesh/size_mm/x=1", "no member"});
-  expect_refused([&] { load(document, {"solver/tolerance=1"}); }, {"expected /json/pointer=value"});
-  expect_refused([&] { load(document, {"/solver/tolerance"}); }, {"expected /json/pointer=value"});
-  expect_refused([&] { load(document, {"/mesh/size_mm=many"}); }, {"/mesh/size_mm", "\"many\"", "a number"});
+  expect_refusal([&] { load(document, {"/tools/-1/name=x"}); }, {"no element -1"});
+  expect_refusal([&] { load(document, {"/mesh/size_mm/x=1"}); }, {"/mesh/size_mm/x=1", "no member"});
+  expect_refusal([&] { load(document, {"solver/tolerance=1"}); }, {"expected /json/pointer=value"});
+  expect_refusal([&] { load(document, {"/solver/tolerance"}); }, {"expected /json/pointer=value"});
+  expect_refusal([&] { load(document, {"/mesh/size_mm=many"}); }, {"/mesh/size_mm", "\"many\"", "a number"});
 }
 
 TEST(ScenarioErrors, OfSyntaxHaveLineAndColumn) {
   const auto load_text = [](const std::string& text) { load_scenario_text(text, "bad.json", "."); };
-  expect_refused([&] { load_text("{\n  \"sulcus\": 1,\n  \"name\" \"x\"\n}"); },
+  expect_refusal([&] { load_text("{\n  \"sulcus\": 1,\n  \"name\" \"x\"\n}"); },
                  {"bad.json", "line 3", "column 12"});
-  expect_refused([&] { load_text(""); }, {"bad.json", "line 1"});
-  expect_refused([&] { load_text("{\"sulcus\": 1, \"sulcus\": 1}"); }, {"\"sulcus\" stands twice"});
-  expect_refused([&] { load_text("{\"sulcus\": 1e999}"); }, {"bad.json", "1e999"});
-  expect_refused([&] { load_text("{\"sulcus\": NaN}"); }, {"line 1"});
+  expect_refusal([&] { load_text(""); }, {"bad.json", "line 1"});
+  expect_refusal([&] { load_text("{\"sulcus\": 1, \"sulcus\": 1}"); }, {"\"sulcus\" stands twice"});
+  expect_refusal([&] { load_text("{\"sulcus\": 1e999}"); }, {"bad.json", "1e999"});
+  expect_refusal([&] { load_text("{\"sulcus\": NaN}"); }, {"line 1"});
 }
 
 TEST(ScenarioErrors, OfTheSchemaAreAllListed) {
@@ -299,7 +290,7 @@ TEST(LabelOperations, AreDoneInOrder) {
   EXPECT_EQ(std::count(map.labels.begin(), map.labels.end(), 8), 1000);
   EXPECT_EQ(std::count(map.labels.begin(), map.labels.end(), 0), 1000);
   document["label_map"]["operations"] = json::parse(R"([{"keep_labels": [77]}])");
-  expect_refused([&] { load_label_map(load(document)); }, {"/label_map/operations", "no labelled voxel"});
+  expect_refusal([&] { load_label_map(load(document)); }, {"/label_map/operations", "no labelled voxel"});
 }
 
 TEST(Scenes, AreBuiltWithTheirBoundary) {
@@ -315,7 +306,7 @@ TEST(Scenes, AreBuiltWithTheirBoundary) {
 TEST(Scenes, WithoutNodesInARegionAreRefused) {
   json document = full_scenario();
   document["boundary"]["fixed"] = {{{"below_mm", {{"axis", "x"}, {"value", -50}}}}};
-  expect_refused([&] { make_scene(load(document)); }, {"/boundary/fixed/0", "no node", "x -5 .. 5"});
+  expect_refusal([&] { make_scene(load(document)); }, {"/boundary/fixed/0", "no node", "x -5 .. 5"});
 }
 
 TEST(Scenes, WarnOfWhatIsOdd) {
@@ -381,8 +372,8 @@ TEST(ScenarioFiles, ListNamesInputFilesAndErrors) {
   EXPECT_EQ(load_scenario(directory / "good.json").input_files,
             (std::vector<fs::path>{directory / "good.json", directory / "block.nrrd"}));
   EXPECT_THROW(list_scenarios(directory / "none"), InputError);
-  expect_refused([&] { load_scenario(directory / "none.json"); }, {"none.json", "does not exist"});
-  expect_refused([&] { load_scenario(directory); }, {"is a directory"});
+  expect_refusal([&] { load_scenario(directory / "none.json"); }, {"none.json", "does not exist"});
+  expect_refusal([&] { load_scenario(directory); }, {"is a directory"});
   fs::remove_all(directory);
 }
 

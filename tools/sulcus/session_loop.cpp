@@ -28,7 +28,7 @@ class Consumer {
  public:
   Consumer(const std::vector<std::unique_ptr<Hand>>& hands, std::vector<DeviceSample> samples,
            SessionLog& log)
-      : hands_(hands), samples_(std::move(samples)), log_(log), holds_(hands.size(), false) {}
+      : hands_(hands), samples_(std::move(samples)), log_(log), told_(hands.size(), 0) {}
 
   enum class Result { go_on, ended, fault };
   Result read(double time_s, std::int64_t step) {
@@ -45,13 +45,16 @@ class Consumer {
         return Result::fault;
       }
       const bool sound = error == DeviceError::none && is_finite(sample);
-      if (sound) samples_[h] = sample;
-      if (!sound && !holds_[h]) {
+      if (sound) {
+        samples_[h] = sample;
+        told_[h] = 0;
+      } else if (const unsigned reason = error == DeviceError::none ? not_finite : not_new;
+                 !(told_[h] & reason)) {
         log_.push_event(step, "device " + std::to_string(h) + " gives nothing " +
-                                  (error == DeviceError::none ? "finite" : "new") +
+                                  (reason == not_finite ? "finite" : "new") +
                                   "; its last sound sample is held");
+        told_[h] |= reason;
       }
-      holds_[h] = !sound;
       held_any = held_any || !sound;
     }
     if (held_any) ++held_;
@@ -64,7 +67,8 @@ class Consumer {
   const std::vector<std::unique_ptr<Hand>>& hands_;
   std::vector<DeviceSample> samples_;
   SessionLog& log_;
-  std::vector<bool> holds_;
+  static constexpr unsigned not_new = 1, not_finite = 2;
+  std::vector<unsigned> told_;  // [hands] reasons for holding that were told since the last sound sample
   std::int64_t held_ = 0;
 };
 

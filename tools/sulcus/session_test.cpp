@@ -18,6 +18,7 @@
 #include <thread>
 
 #include "hw_phantom/standin/control.h"
+#include "tools/sulcus/test_command.h"
 #include "tools/sulcus/test_scenario.h"
 #include "verify/recording.h"
 
@@ -25,10 +26,8 @@ namespace sulcus {
 namespace {
 namespace fs = std::filesystem;
 
-struct Result {
-  int code = -1;
-  std::string output;
-};
+using test::command;
+using test::Result;
 
 class Session : public testing::Test {
  protected:
@@ -43,17 +42,6 @@ class Session : public testing::Test {
   void TearDown() override { fs::remove_all(folder_); }
 
   std::string path(const std::string& name) const { return "'" + (folder_ / name).string() + "'"; }
-
-  static Result command(const std::string& arguments) {
-    Result result;
-    FILE* pipe = popen((std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1").c_str(), "r");
-    if (pipe == nullptr) return result;
-    char buffer[4096];
-    for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
-    const int status = pclose(pipe);
-    result.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-    return result;
-  }
 
   Result session(const std::string& arguments, const std::string& out = "out") const {
     return command("session " + path("tiny.json") + " --out " + path(out) + " " + arguments);

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/sulcus/test_command.h"
 #include "verify/recording.h"
 
 namespace sulcus {
@@ -21,22 +22,8 @@ namespace fs = std::filesystem;
 const fs::path source = SULCUS_SOURCE_DIR;
 const char* const brain_map = "/usr/share/mricron/templates/jhu189.nii.gz";
 
-struct Result {
-  int code = -1;
-  std::string output;  // standard output and error
-};
-
-Result command(const std::string& arguments) {
-  Result result;
-  const std::string line = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
-  FILE* pipe = popen(line.c_str(), "r");
-  if (pipe == nullptr) return result;
-  char buffer[4096];
-  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
-  const int status = pclose(pipe);
-  result.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  return result;
-}
+using test::command;
+using test::Result;
 
 bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;

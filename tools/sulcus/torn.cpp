@@ -79,8 +79,7 @@ void look_at_hanging(const Scene& scene, const State& state, HangingRecord& reco
       const auto n = static_cast<std::size_t>(node);
       // the share of the node's mass that is this element's: all of its elements weigh about the same
       const double share = 1.0 / (scene.elements.incident_start[n + 1] - scene.elements.incident_start[n]);
-      const Vec3 velocity(state.velocities[3 * n], state.velocities[3 * n + 1], state.velocities[3 * n + 2]);
-      energy += 0.5 * share * scene.elements.node_mass[n] * velocity.squaredNorm();
+      energy += 0.5 * share * scene.elements.node_mass[n] * node_vector(state.velocities, node).squaredNorm();
     }
   }
   record.most_elements = std::max(record.most_elements, static_cast<std::int64_t>(hanging.size()));

@@ -1,0 +1,28 @@
+// Runs the sulcus command, for its tests.
+#pragma once
+
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <string>
+
+namespace sulcus::test {
+
+struct Result {
+  int code = -1;
+  std::string output;  // standard output and error
+};
+
+inline Result command(const std::string& arguments) {
+  Result result;
+  const std::string line = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
+  FILE* pipe = popen(line.c_str(), "r");
+  if (pipe == nullptr) return result;
+  char buffer[4096];
+  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
+  const int status = pclose(pipe);
+  result.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return result;
+}
+
+}  // namespace sulcus::test
