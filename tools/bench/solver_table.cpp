@@ -147,7 +147,7 @@ std::string machine() {
 
 void print_header(const Options& options) {
   std::printf("%s, %s, %d threads, medians of %d%s\n\n", machine().c_str(), isa_name(widest_isa()),
-              options.threads, options.rounds);
+              options.threads, options.rounds, options.processor_time ? ", processor time" : "");
   std::printf(
       "| body | tets | nodes | dt ms | E Pa | stiff | nu | beta s | k N/m | contacts | method | iterations "
       "to 1e-1 | 1e-2 | "
