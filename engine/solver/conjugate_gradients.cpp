@@ -44,6 +44,13 @@ SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, i
   return workspace;
 }
 
+template <class Real>
+void use_multigrid(const Multigrid& multigrid, std::int64_t chunks, SolverWorkspace<Real>& workspace) {
+  if (multigrid.levels == 0) return;
+  workspace.multigrid = &multigrid;
+  workspace.levels = make_multigrid_workspace<Real>(multigrid, chunks, workspace.threads);
+}
+
 namespace {
 
 double ordered_sum(const std::vector<double>& sums) {
@@ -99,10 +106,15 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
   Real* q = workspace.q.data();
   Real* packed = workspace.packed.data();
   SpinBarrier barrier(workspace.threads);
+  const bool with_levels = workspace.multigrid != nullptr;
+  LevelView<Real> levels;
+  if (with_levels) levels = level_view(*workspace.multigrid, workspace.levels);
+  const auto sums = static_cast<std::int64_t>(workspace.levels.sums.size());
 
 #pragma omp parallel num_threads(workspace.threads)
   {
     const int thread = omp_get_thread_num();
+    const Range own_sums = share(sums, thread, workspace.threads);
     const Range own = share(blocks, thread, workspace.threads);
     const Range own_chunks{own.first * chunks_per_block, own.last * chunks_per_block};
     const std::int64_t first = own_chunks.first * 48;
@@ -111,7 +123,32 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       x[i] = p[i] = q[i] = Real(0);
       r[i] = workspace.b[static_cast<std::size_t>(i)];
     }
-    kernels.advance(matrix, Real(0), p, q, x, r, z, workspace.rz.data(), own.first, own.last);  // z = D^-1 b
+    // x += alpha p, r -= alpha q, and what the preconditioner makes of r; returns r . z when all have
+    const auto advance = [&](Real alpha) {
+      kernels.advance(matrix, alpha, p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+      if (with_levels) {
+        kernels.pack_residual(matrix, levels, r, packed, own.first, own.last);
+        barrier.wait();
+        kernels.restrict_slots(levels, packed, own_sums.first * nodes_per_sum,
+                               std::min(own_sums.last * nodes_per_sum, levels.first_node[1]));
+        barrier.wait();
+        Real* upper = workspace.levels.upper[static_cast<std::size_t>(thread)].data();
+        kernels.climb(levels, upper);
+        kernels.correct(levels, upper, own_sums.first, own_sums.last);
+      }
+      barrier.wait();
+      return ordered_sum(workspace.rz) + ordered_sum(workspace.levels.sums);
+    };
+    // p = z + beta p, for the next product
+    const auto direct = [&](Real beta) {
+      if (with_levels) {
+        kernels.direct_corrected(matrix, levels, beta, z, p, packed, own.first, own.last);
+      } else {
+        kernels.direct(matrix, beta, z, p, packed, own.first, own.last);
+      }
+      barrier.wait();
+    };
+    double rz = advance(Real(0));
     // q = A p for p as `direct` left it; returns p . A p
     const auto multiply = [&] {
       std::array<double, 6> y;
@@ -128,19 +165,12 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       kernels.direct(matrix, Real(0), part, p, packed, own.first, own.last);
       barrier.wait();
       multiply();
-      kernels.advance(matrix, Real(1), p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+      rz = advance(Real(1));
     };
     if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
-    barrier.wait();
-    double rz = ordered_sum(workspace.rz);
     const double start = std::sqrt(rz);
-    if (workspace.use_guess) {
-      add_to_start(workspace.guess.data());
-      barrier.wait();
-      rz = ordered_sum(workspace.rz);
-    }
-    kernels.direct(matrix, Real(0), z, p, packed, own.first, own.last);  // p = z
-    barrier.wait();
+    if (workspace.use_guess) add_to_start(workspace.guess.data());
+    direct(Real(0));
 
     const double goal = std::fmax(tolerance * start, floor);
     int iteration = 0;
@@ -152,18 +182,14 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         break;
       }
       const double alpha = rz / pq;
-      kernels.advance(matrix, static_cast<Real>(alpha), p, q, x, r, z, workspace.rz.data(), own.first,
-                      own.last);
-      barrier.wait();
-      const double rz_new = ordered_sum(workspace.rz);
+      const double rz_new = advance(static_cast<Real>(alpha));
       ++iteration;
       if (!std::isfinite(rz_new)) {
         broken = true;
         break;
       }
-      kernels.direct(matrix, static_cast<Real>(rz_new / rz), z, p, packed, own.first, own.last);
+      direct(static_cast<Real>(rz_new / rz));
       rz = rz_new;
-      barrier.wait();
     }
     if (thread == 0) {
       result.iterations = iteration;
@@ -178,6 +204,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
 #define SULCUS_INSTANTIATE(Real)                                                                            \
   template SolverKernels<Real> solver_kernels<Real>(Isa);                                                   \
   template SolverWorkspace<Real> make_solver_workspace<Real>(const Sparsity&, Isa, int);                    \
+  template void use_multigrid<Real>(const Multigrid&, std::int64_t, SolverWorkspace<Real>&);                \
   template SolveResult conjugate_gradients<Real>(const RowMatrix<Real>&,                                    \
                                                  const std::vector<ToolBorder<Real>>&, double, double, int, \
                                                  SolverWorkspace<Real>&);

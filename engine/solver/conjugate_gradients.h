@@ -8,11 +8,12 @@
 #include "engine/fem/sparsity.h"
 #include "engine/numerics/aligned.h"
 #include "engine/solver/kernels.h"
+#include "engine/solver/multigrid.h"
 
 namespace sulcus {
 
 enum class Precision { single_precision, double_precision };
-enum class Preconditioner { block_jacobi };
+enum class Preconditioner { block_jacobi, multigrid };
 
 struct SolverSettings {
   Preconditioner preconditioner = Preconditioner::block_jacobi;
@@ -48,6 +49,10 @@ struct SolverWorkspace {
   std::vector<double> pq, rz;  // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;
+  // The preconditioner is the multigrid if it has levels (then `levels` must be set up for the matrix), else
+  // the inverse diagonal blocks.
+  const Multigrid* multigrid = nullptr;
+  MultigridWorkspace<Real> levels;
 };
 
 struct SolveResult {
@@ -61,12 +66,17 @@ struct SolveResult {
 template <class Real>
 SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, int threads);
 
+// Makes the multigrid (none, or without levels: block-Jacobi) the preconditioner of the workspace. It must
+// outlive the workspace.
+template <class Real>
+void use_multigrid(const Multigrid& multigrid, std::int64_t chunks, SolverWorkspace<Real>& workspace);
+
 // Solves for workspace.x from workspace.b, starting at workspace.prescribed + workspace.guess. |b| is that of
 // the free nodes after the prescribed values have gone to the right-hand side, so a guess does not change the
 // goal. At held nodes workspace.r ends as b - A x: the impulse that holds them, with the opposite sign.
 // floor: smallest |r| that counts (norm as above).
-// Cost of an iteration: one product with the matrix, one pass over five vectors; of prescribed values or a
-// guess one such iteration each.
+// Cost of an iteration: one product with the matrix, one pass over five vectors, with the multigrid about
+// half of that once more; of prescribed values or a guess one such iteration each.
 template <class Real>
 SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
                                 double tolerance, double floor, int max_iterations,

@@ -126,9 +126,73 @@ void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q,
   if (first_block < last_block) sum.end(sums + first_block);
 }
 
+// Sum of four numbers each at from + 4 * list[first .. last).
+template <class Real>
+SULCUS_INLINE Four<Real> sum_listed(const Real* from, const std::int32_t* list, std::int32_t first,
+                                    std::int32_t last) {
+  using F = Four<Real>;
+  const auto place = [&](std::int32_t k) { return load<F>(from + 4 * static_cast<std::int64_t>(list[k])); };
+  F even{}, odd{};  // two sums, so that one addition need not wait for the other
+  std::int32_t k = first;
+  for (; k + 1 < last; k += 2) {
+    even += place(k);
+    odd += place(k + 1);
+  }
+  if (k < last) even += place(k);
+  return even + odd;
+}
+
+template <class Real, bool corrected>
+SULCUS_INLINE void next_direction(const LevelView<Real>* levels, Real beta, const Real* z, Real* p,
+                                  Real* packed, std::int64_t first_chunk, std::int64_t end_chunk) {
+  using F = Four<Real>;
+  for (std::int64_t chunk = first_chunk; chunk < end_chunk; ++chunk) {
+    for (int l = 0; l < rows; l += 4) {
+      const std::int64_t at = chunk * 3 * rows + l;
+      const std::int64_t slot = chunk * rows + l;
+      F coarse[4] = {};
+      if constexpr (corrected) {
+        for (int k = 0; k < 4; ++k) {
+          const std::int32_t* nodes = levels->slot_nodes + nodes_per_slot * (slot + k);
+          coarse[k] = sum_listed(levels->correction, nodes, 0, nodes_per_slot);
+        }
+        transpose_groups(coarse[0], coarse[1], coarse[2], coarse[3]);
+      }
+      F d[4] = {};
+      for (int i = 0; i < 3; ++i) {
+        F preconditioned = load<F>(z + at + i * rows);
+        if constexpr (corrected) {
+          const auto moves = load<F>(levels->share + at + i * rows) != Real(0);
+          preconditioned += moves ? coarse[i] * (Real(1) / Real(nodes_per_slot)) : F{};
+        }
+        d[i] = preconditioned + beta * load<F>(p + at + i * rows);
+        store(p + at + i * rows, d[i]);
+      }
+      transpose_groups(d[0], d[1], d[2], d[3]);
+      for (int k = 0; k < 4; ++k) store(packed + 4 * (slot + k), d[k]);
+    }
+  }
+}
+
 template <class Real>
 void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, Real* packed,
             std::int64_t first_block, std::int64_t last_block) {
+  if (first_block >= last_block) return;
+  next_direction<Real, false>(nullptr, beta, z, p, packed, first_block * chunks_per_block,
+                              last_chunk(last_block - 1, a.chunks));
+}
+
+template <class Real>
+void direct_corrected(const RowMatrix<Real>& a, const LevelView<Real>& levels, Real beta, const Real* z,
+                      Real* p, Real* packed, std::int64_t first_block, std::int64_t last_block) {
+  if (first_block >= last_block) return;
+  next_direction<Real, true>(&levels, beta, z, p, packed, first_block * chunks_per_block,
+                             last_chunk(last_block - 1, a.chunks));
+}
+
+template <class Real>
+void pack_residual(const RowMatrix<Real>& a, const LevelView<Real>& levels, const Real* r, Real* packed,
+                   std::int64_t first_block, std::int64_t last_block) {
   using F = Four<Real>;
   if (first_block >= last_block) return;
   for (std::int64_t chunk = first_block * chunks_per_block; chunk < last_chunk(last_block - 1, a.chunks);
@@ -136,13 +200,122 @@ void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, Real* p
     for (int l = 0; l < rows; l += 4) {
       const std::int64_t at = chunk * 3 * rows + l;
       F d[4] = {};
-      for (int i = 0; i < 3; ++i) {
-        d[i] = load<F>(z + at + i * rows) + beta * load<F>(p + at + i * rows);
-        store(p + at + i * rows, d[i]);
-      }
+      for (int i = 0; i < 3; ++i)
+        d[i] = load<F>(levels.share + at + i * rows) * load<F>(r + at + i * rows);
       transpose_groups(d[0], d[1], d[2], d[3]);
       for (int k = 0; k < 4; ++k) store(packed + 4 * (chunk * rows + l + k), d[k]);
     }
+  }
+}
+
+template <class Real>
+void restrict_slots(const LevelView<Real>& levels, const Real* packed, std::int64_t first_node,
+                    std::int64_t last_node) {
+  for (std::int64_t node = first_node; node < last_node; ++node) {
+    store(levels.residual + 4 * node,
+          levels.up_share[node] *
+              sum_listed(packed, levels.node_slots, levels.node_start[node], levels.node_start[node + 1]));
+  }
+}
+
+// Inverse of the node's block times its residual, plus its share of the corrections above.
+template <class Real>
+SULCUS_INLINE Four<Real> corrected(const LevelView<Real>& levels, std::int64_t node, const Real* residual,
+                                   const Real* above) {
+  using F = Four<Real>;
+  const Real* inverse = levels.inverse + 12 * node;
+  const F own = load<F>(inverse) * residual[0] + load<F>(inverse + 4) * residual[1] +
+                load<F>(inverse + 8) * residual[2];
+  return own + levels.up_share[node] * sum_listed(above, levels.up_nodes, levels.up_start[node],
+                                                   levels.up_start[node + 1]);
+}
+
+template <class Real>
+void climb(const LevelView<Real>& levels, Real* upper) {
+  const std::int64_t total = levels.first_node[levels.levels];
+  Real* corrections = upper + 4 * total;
+  for (std::int64_t node = levels.first_node[1]; node < total; ++node) {
+    const Real* below = node < levels.first_node[2] ? levels.residual : upper;
+    store(upper + 4 * node,
+          levels.up_share[node] *
+              sum_listed(below, levels.down_nodes, levels.down_start[node], levels.down_start[node + 1]));
+  }
+  for (std::int64_t node = total - 1; node >= levels.first_node[1]; --node) {
+    store(corrections + 4 * node, corrected(levels, node, upper + 4 * node, corrections));
+  }
+}
+
+template <class Real>
+void correct(const LevelView<Real>& levels, const Real* upper, std::int64_t first_block,
+             std::int64_t last_block) {
+  using F = Four<Real>;
+  const Real* above = upper + 4 * levels.first_node[levels.levels];
+  for (std::int64_t block = first_block; block < last_block; ++block) {
+    const std::int64_t end = (block + 1) * nodes_per_sum < levels.first_node[1] ? (block + 1) * nodes_per_sum
+                                                                              : levels.first_node[1];
+    F sum{};
+    for (std::int64_t node = block * nodes_per_sum; node < end; ++node) {
+      const Real* residual = levels.residual + 4 * node;
+      const F e = corrected(levels, node, residual, above);
+      store(levels.correction + 4 * node, e);
+      sum += e * load<F>(residual) * levels.up_count[node];
+    }
+    levels.sums[block] =
+        static_cast<double>(sum[0]) + static_cast<double>(sum[1]) + static_cast<double>(sum[2]);
+  }
+}
+
+// Columns of w D^-1 / share for the symmetric block xx xy xz yy yz zz; nothing for a node without stiffness.
+template <class Real>
+SULCUS_INLINE void store_inverse(const Real* d, Real scale, Real* to) {
+  using F = Four<Real>;
+  const Real a = d[0], b = d[1], c = d[2], e = d[3], f = d[4], i = d[5];
+  const Real ca = e * i - f * f, cb = c * f - b * i, cc = b * f - c * e;
+  const Real trace = a + e + i;
+  const Real determinant = a * ca + b * cb + c * cc;
+  if (!(trace > Real(0))) {
+    for (int k = 0; k < 3; ++k) store(to + 4 * k, F{});
+    return;
+  }
+  if (!(determinant > Real(1e-4) * trace * trace * trace / Real(27))) {  // nearly singular: as if isotropic
+    for (int k = 0; k < 3; ++k) {
+      F column{};
+      column[k] = scale / trace;
+      store(to + 4 * k, column);
+    }
+    return;
+  }
+  const Real s = scale / determinant;
+  store(to, F{ca * s, cb * s, cc * s, Real(0)});
+  store(to + 4, F{cb * s, (a * i - c * c) * s, (b * c - a * f) * s, Real(0)});
+  store(to + 8, F{cc * s, (b * c - a * f) * s, (a * e - b * b) * s, Real(0)});
+}
+
+template <class Real>
+void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::int64_t last_node) {
+  using F = Four<Real>;
+  for (std::int64_t node = first_node; node < last_node; ++node) {
+    const Real* added = levels.added + 8 * node;
+    const Real mass = static_cast<Real>(levels.mass[node]);
+    F sum[3] = {F{added[0] + mass, added[1], added[2], Real(0)},
+                F{added[1], added[3] + mass, added[4], Real(0)},
+                F{added[2], added[4], added[5] + mass, Real(0)}};
+    for (std::int32_t k = levels.corner_start[node]; k < levels.corner_start[node + 1]; ++k) {
+      const float* packed = levels.stiffness + 8 * static_cast<std::int64_t>(levels.corners[k]);
+      Real b[6];
+      for (int j = 0; j < 6; ++j) b[j] = static_cast<Real>(packed[j]);
+      const F block[3] = {F{b[0], b[1], b[2], Real(0)}, F{b[1], b[3], b[4], Real(0)},
+                          F{b[2], b[4], b[5], Real(0)}};
+      const Real* turn = levels.turns + 12 * static_cast<std::int64_t>(levels.corners[k] / 8);
+      const F column[3] = {load<F>(turn), load<F>(turn + 4), load<F>(turn + 8)};
+      for (int i = 0; i < 3; ++i) {
+        const F half = column[0][i] * block[0] + column[1][i] * block[1] + column[2][i] * block[2];
+        sum[i] += half[0] * column[0] + half[1] * column[1] + half[2] * column[2];
+      }
+    }
+    const Real weight = node < levels.first_node[1] ? Real(0.7) : Real(0.5);
+    const Real d[6] = {sum[0][0], sum[0][1], sum[0][2], sum[1][1], sum[1][2], sum[2][2]};
+    store_inverse(d, weight * levels.up_count[node], levels.inverse + 12 * node);
   }
 }
 
@@ -150,7 +323,9 @@ void direct(const RowMatrix<Real>& a, Real beta, const Real* z, Real* p, Real* p
 
 template <class Real>
 SolverKernels<Real> solver_table() {
-  return {multiply<Real>, advance<Real>, direct<Real>};
+  return {multiply<Real>,       advance<Real>, direct<Real>,  pack_residual<Real>,
+          restrict_slots<Real>, climb<Real>,   correct<Real>, direct_corrected<Real>,
+          level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

@@ -22,6 +22,26 @@ struct RowMatrix {
 
 inline constexpr std::int64_t chunks_per_block = 16;
 
+// What the kernels see of a multigrid (multigrid.h) and of its workspace.
+template <class Real>
+struct LevelView {
+  const std::int64_t* first_node = nullptr;
+  std::int64_t levels = 0;
+  const std::int32_t* slot_nodes = nullptr;
+  const std::int32_t *node_start = nullptr, *node_slots = nullptr;
+  const std::int32_t *up_start = nullptr, *up_nodes = nullptr;
+  const std::int32_t *down_start = nullptr, *down_nodes = nullptr;
+  const std::int32_t *corner_start = nullptr, *corners = nullptr;
+  const float *stiffness = nullptr, *mass = nullptr;
+  const Real *up_share = nullptr, *up_count = nullptr;
+  const Real *share = nullptr, *turns = nullptr, *added = nullptr;
+  Real *inverse = nullptr, *residual = nullptr, *correction = nullptr;
+  double* sums = nullptr;
+};
+
+inline constexpr std::int64_t nodes_per_sum = 64;
+inline constexpr std::int32_t nodes_per_slot = 8;
+
 // All work on whole blocks [first_block, last_block) and write one sum a block.
 template <class Real>
 struct SolverKernels {
@@ -35,6 +55,23 @@ struct SolverKernels {
   // p = z + beta p, and packed likewise
   void (*direct)(const RowMatrix<Real>&, Real beta, const Real* z, Real* p, Real* packed,
                  std::int64_t first_block, std::int64_t last_block) = nullptr;
+
+  // Multigrid. packed = share * r, four numbers a slot
+  void (*pack_residual)(const RowMatrix<Real>&, const LevelView<Real>&, const Real* r, Real* packed,
+                        std::int64_t first_block, std::int64_t last_block) = nullptr;
+  // residual of the nodes of level 0
+  void (*restrict_slots)(const LevelView<Real>&, const Real* packed, std::int64_t first_node,
+                         std::int64_t last_node) = nullptr;
+  // residuals and corrections of all higher levels, in memory of the thread's own [8*nodes]
+  void (*climb)(const LevelView<Real>&, Real* upper) = nullptr;
+  // correction of the nodes of level 0 [blocks of nodes_per_sum]; sums: residual . correction
+  void (*correct)(const LevelView<Real>&, const Real* upper, std::int64_t first_block,
+                  std::int64_t last_block) = nullptr;
+  // p = z + P correction + beta p, and packed likewise
+  void (*direct_corrected)(const RowMatrix<Real>&, const LevelView<Real>&, Real beta, const Real* z, Real* p,
+                           Real* packed, std::int64_t first_block, std::int64_t last_block) = nullptr;
+  // diagonal blocks of coarse nodes and their inverses
+  void (*level_blocks)(const LevelView<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
 };
 
 template <class Real>

@@ -60,14 +60,33 @@ struct Method {
 template <class Real>
 struct KrylovMethod : Method {
   BodySystem<Real> system;
+  Multigrid multigrid;
 
   KrylovMethod(const PressedBody& body, const std::string& preconditioner, int threads)
       : system(body, threads) {
-    if (preconditioner != "block_jacobi")
-      throw InputError("--preconditioners: found \"" + preconditioner + "\", expected block_jacobi");
+    if (preconditioner != "block_jacobi" && preconditioner != "multigrid") {
+      throw InputError("--preconditioners: found \"" + preconditioner +
+                       "\", expected block_jacobi or multigrid");
+    }
+    if (preconditioner == "multigrid") {
+      std::vector<double> weights = body.elements.node_mass;
+      multigrid = build_multigrid(body.mesh, body.elements, body.sparsity, body.step, weights, body.free_node);
+      use_multigrid(multigrid, body.sparsity.chunks, system.solver);
+      set_up();
+    }
     name = preconditioner + (sizeof(Real) == 4 ? " f32" : " f64");
   }
-  void set_up() override {}
+  void set_up() override {
+    if (system.solver.multigrid == nullptr) return;
+    clear_contacts(system.solver.levels);
+    for (const Contact& contact : system.body.contacts) {
+      add_contact<Real>(multigrid, system.body.mesh, contact.tet, contact.weights,
+                        system.body.contact_weight() * contact.normal * contact.normal.transpose(),
+                        system.solver.levels);
+    }
+    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, system.solver.kernels,
+                           system.solver.threads, system.solver.levels);
+  }
   SolveResult solve(double tolerance, int most) override {
     return conjugate_gradients(system.matrix(), system.borders, tolerance, 0.0, most, system.solver);
   }

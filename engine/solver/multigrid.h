@@ -1,0 +1,93 @@
+// Additive multigrid preconditioner on the embedding grid and its coarser copies (mesh/coarsening.h):
+//
+//   z = D^-1 r + sum over levels l of w_l P_l D_l^-1 P_l^T r
+//
+// P_l interpolates trilinearly from level l to the mesh, D_l are the diagonal blocks of P_l^T A P_l: those of
+// the cells at rest, turned by each cell's mean rotation, plus masses, springs and contacts. No level needs a
+// matrix, the sum is symmetric positive definite whatever the weights, and held nodes are left out exactly.
+// docs/decisions/0005 says why this form and what was measured. Bramble, Pasciak, Xu, Math. Comp. 55 (1990).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/fem/assembly.h"
+#include "engine/mesh/coarsening.h"
+#include "engine/solver/kernels.h"
+
+namespace sulcus {
+
+// What does not change during a run. Coarse nodes and cells of all levels are numbered in one row, level by
+// level; slots are those of the solver's vectors. Lists are [count + 1] starts into a common array.
+struct Multigrid {
+  std::int64_t levels = 0;
+  std::vector<std::int64_t> first_node;  // [levels+1]
+  std::vector<std::int64_t> first_cell;  // [levels+1]
+  // between the mesh and level 0
+  std::vector<std::int32_t> slot_nodes;  // [8*slots] coarse nodes whose mean a slot follows: 1, 2 or 4 repeated
+  std::vector<float> slot_share;         // [slots] 1 / number of different ones; 0: padding
+  std::vector<std::int32_t> node_start, node_slots;  // the slots that follow a coarse node of level 0
+  // between levels
+  std::vector<std::int32_t> up_start, up_nodes;      // of each coarse node: those of the next level
+  std::vector<std::int32_t> down_start, down_nodes;  // of each coarse node: those that follow it
+  // diagonal blocks at rest
+  std::vector<std::int32_t> corner_start, corners;  // of each coarse node: cell * 8 + corner
+  std::vector<float> stiffness;  // [8*8*cells] (beta h + h^2) K_aa of each corner: xx xy xz yy yz zz, N s^2/m
+  std::vector<float> mass;       // [nodes] kg, (1 + alpha h) M_aa and springs
+  // mean rotations
+  std::vector<std::int32_t> child_start, children;  // of each cell: tetrahedra (level 0) or cells
+  // the way up from a cell of the mesh
+  std::vector<std::int32_t> parent;                      // [cells of the mesh, then cells]; -1: top level
+  std::vector<std::array<std::int32_t, 8>> cell_nodes;   // [cells]
+  std::vector<Index3> cell_position;                     // [cells]
+};
+
+// node_weights: [nodes] kg, what the matrix holds of masses and springs on the diagonal of each node.
+// free_node: [nodes]. Empty (no levels) where the mesh is too small for a coarser one. Cost: for each
+// tetrahedron and level 8 small products, once for a scene.
+Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements, const Sparsity& sparsity,
+                          const StepCoefficients& coefficients, std::span<const double> node_weights,
+                          std::span<const std::uint8_t> free_node);
+
+// What changes at each step, and scratch memory.
+template <class Real>
+struct MultigridWorkspace {
+  AlignedVector<Real> share;      // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
+  AlignedVector<Real> turns;      // [12*cells] columns of the mean rotations, padded to four
+  AlignedVector<Real> added;      // [8*nodes] contacts, as in Multigrid::stiffness
+  AlignedVector<Real> inverse;    // [12*nodes] columns of w D^-1 / share, padded to four
+  AlignedVector<Real> residual;   // [4*nodes of level 0] share * P^T r
+  AlignedVector<Real> correction; // [4*nodes of level 0]
+  // of the higher levels: each thread works through them by itself, which is quicker than to wait
+  std::vector<AlignedVector<Real>> upper;  // [threads][8*nodes]: residuals, then corrections
+  std::vector<double> sums;                // one a block of 64 nodes of level 0
+  std::vector<Real> quaternions;           // [4*cells]
+  std::vector<Real> up_share, up_count;    // [nodes] 1 / number and number of nodes of the next level, or 1
+};
+
+template <class Real>
+MultigridWorkspace<Real> make_multigrid_workspace(const Multigrid& multigrid, std::int64_t chunks,
+                                                  int threads);
+
+template <class Real>
+LevelView<Real> level_view(const Multigrid& multigrid, MultigridWorkspace<Real>& workspace);
+
+// Forgets the contacts of the last step.
+template <class Real>
+void clear_contacts(MultigridWorkspace<Real>& workspace);
+
+// Adds a symmetric block [kg] at the point of a tetrahedron that `weights` names to every level; whether a
+// node there is held is not looked at: that only makes the correction smaller.
+template <class Real>
+void add_contact(const Multigrid& multigrid, const EmbeddingMesh& mesh, std::int32_t tet,
+                 const std::array<double, 4>& weights, const Mat3& block, MultigridWorkspace<Real>& workspace);
+
+// Mean rotations, diagonal blocks and their inverses of all levels; which slots are held follows from the
+// matrix. rotations: [4*tets] of the step. Cost: about two iterations of conjugate gradients.
+template <class Real>
+void set_up_multigrid(const Multigrid& multigrid, const RowMatrix<Real>& matrix,
+                      std::span<const double> rotations, const SolverKernels<Real>& kernels, int threads,
+                      MultigridWorkspace<Real>& workspace);
+
+}  // namespace sulcus
