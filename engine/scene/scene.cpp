@@ -103,7 +103,41 @@ void check(const SceneDescription& d, std::int64_t nodes) {
   }
 }
 
+// What the matrix holds of masses and springs on the diagonal of each node, kg.
+std::vector<double> node_weights(const Scene& scene) {
+  const double h = scene.settings.step_s;
+  std::vector<double> weights = scene.elements.node_mass;
+  for (std::size_t n = 0; n < weights.size(); ++n) {
+    weights[n] += h * (scene.elements.drag_kg_s.empty() ? scene.settings.damping.alpha_1_s * weights[n]
+                                                        : scene.elements.drag_kg_s[n]);
+  }
+  for (const NodeSpring& spring : scene.settings.springs) {
+    weights[static_cast<std::size_t>(spring.node)] += h * (spring.damping_N_s_m + h * spring.stiffness_N_m);
+  }
+  return weights;
+}
+
 }  // namespace
+
+bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh) {
+  const double h = description.step_s;
+  const auto reach_m2 = [&](const Material& material) {
+    const double beta = material.damping.value_or(description.damping).beta_s;
+    const double nu = material.poisson_ratio;
+    const double modulus = material.youngs_modulus_Pa * (1 - nu) / ((1 + nu) * (1 - 2 * nu));  // lambda + 2 mu
+    return h * (beta + h) * modulus / material.density_kg_m3;
+  };
+  double reach = reach_m2(description.material);
+  for (const auto& [label, material] : description.materials) reach = std::fmax(reach, reach_m2(material));
+  double edge = std::numeric_limits<double>::infinity();
+  int across = 0;  // cells along the longest side
+  for (std::size_t a = 0; a < 3; ++a) {
+    edge = std::fmin(edge, mesh.voxels_per_cell[a] * description.map.spacing[static_cast<Eigen::Index>(a)]);
+    across = std::max(across, mesh.grid_size[a]);
+  }
+  constexpr double cells = 5;
+  return std::sqrt(reach) > cells * edge && across > cells;
+}
 
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   check(description, static_cast<std::int64_t>(mesh.rest_positions.size()));
@@ -140,6 +174,12 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   if (d.fracture) {
     scene.fracture =
         std::make_unique<const FractureData>(build_fracture_data(scene.elements, materials, material_of_tet));
+  }
+  const bool by_rule = d.solver.preconditioner == Preconditioner::automatic && multigrid_pays(d, scene.mesh);
+  if (by_rule || d.solver.preconditioner == Preconditioner::multigrid) {
+    auto multigrid = build_multigrid(scene.mesh, scene.elements, scene.sparsity, {d.step_s, d.damping},
+                                     node_weights(scene), scene.free_node);
+    if (multigrid.levels > 0) scene.multigrid = std::make_unique<const Multigrid>(std::move(multigrid));
   }
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
   for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));

@@ -91,6 +91,7 @@ struct Scene {
   std::vector<RigidDistance> tool_distances;       // [tools], only with surface_nodes
   FaceNeighbours faces;                            // likewise
   std::unique_ptr<const FractureData> fracture;    // only in scenes that fracture
+  std::unique_ptr<const Multigrid> multigrid;      // only where it is the preconditioner
   std::vector<double> filter_alpha;                // [tools]
   std::vector<std::uint8_t> free_node;             // [nodes] 1: moves, 0: held at rest or on a path
   std::vector<std::array<std::uint8_t, 3>> keeps;  // [nodes] 1: keeps its coordinate; empty: none does
@@ -103,6 +104,12 @@ struct Scene {
   std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
+
+// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what Preconditioner::automatic
+// goes by. Block-Jacobi carries a disturbance one cell further in each iteration, and it has to go as far as
+// the step lets it: sqrt((beta h + h^2) (lambda + 2 mu) / rho) by the stiffest of the materials, or through
+// the whole mesh. Multigrid pays beyond some five cells (docs/decisions/0005).
+bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh);
 
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
 // caller can choose nodes by position first. Throws InputError for what cannot be simulated (negative

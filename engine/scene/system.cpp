@@ -282,6 +282,12 @@ void sum_motion_forces(const Scene& scene, const SolverWorkspace<Real>& solver, 
 }
 
 template <class Real>
+RowMatrix<Real> row_matrix(const Scene& scene, const Numbers<Real>& numbers) {
+  return {scene.sparsity.chunks,          scene.sparsity.chunk_start.data(), scene.sparsity.column.data(),
+          numbers.system.values.data(), numbers.system.diagonal.data(),    numbers.system.inverse.data()};
+}
+
+template <class Real>
 SolveResult solve(const Scene& scene, const State& state, double tolerance, double floor_m_s,
                   Numbers<Real>& numbers, Workspace& workspace) {
   // eliminate the tools: b - B C^-1 c
@@ -315,13 +321,7 @@ SolveResult solve(const Scene& scene, const State& state, double tolerance, doub
 
   if (!scene.settings.motions.empty()) prescribe(scene, state, solver);
 
-  RowMatrix<Real> matrix;
-  matrix.chunks = scene.sparsity.chunks;
-  matrix.chunk_start = scene.sparsity.chunk_start.data();
-  matrix.column = scene.sparsity.column.data();
-  matrix.values = numbers.system.values.data();
-  matrix.diagonal = numbers.system.diagonal.data();
-  matrix.inverse = numbers.system.inverse.data();
+  const RowMatrix<Real> matrix = row_matrix(scene, numbers);
   const double floor = floor_m_s * std::sqrt(scene.total_mass_kg);
   const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
                                                  scene.settings.solver.max_iterations, solver);
@@ -375,6 +375,7 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
     numbers->saved_terms.reserve(36 * contacts);
     numbers->saved_forces.reserve(12 * contacts);
   }
+  if (scene.multigrid) use_multigrid(*scene.multigrid, scene.sparsity.chunks, numbers->solver);
   if (!scene.settings.motions.empty()) numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
   numbers->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
@@ -430,6 +431,21 @@ void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
   }
 }
 
+// Makes the coarse levels follow the matrix.
+template <class Real>
+void set_up_levels(const Scene& scene, const State& state, const Workspace& workspace, Numbers<Real>& numbers) {
+  const double h = scene.settings.step_s;
+  const ContactLaw& law = scene.settings.contact;
+  auto& levels = numbers.solver.levels;
+  clear_contacts(levels);
+  for (const Contact& contact : workspace.contacts) {
+    add_contact(*scene.multigrid, scene.mesh, contact.tet, contact.weights,
+                h * (law.damping_N_s_m + h * law.stiffness_N_m) * response(law, contact.normal), levels);
+  }
+  set_up_multigrid<Real>(*scene.multigrid, row_matrix(scene, numbers), state.rotations,
+                         numbers.solver.kernels, workspace.threads, levels);
+}
+
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
@@ -448,6 +464,8 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   finish_rows<Real>(scene.sparsity, scene.fracture ? workspace.view.free_node : scene.free_node,
                     numbers.system);
   if (!scene.keeps.empty()) keep_in_planes(scene, numbers.system);
+  // a repeated solve keeps the levels: contacts that are gone only make the corrections there smaller
+  if (scene.multigrid && !again) set_up_levels(scene, state, workspace, numbers);
   if (observer != nullptr) observer->stage_done(Stage::assembly);
   const SolveResult result = solve(scene, state, tolerance, floor_m_s, numbers, workspace);
   if (observer != nullptr) observer->stage_done(Stage::solve);

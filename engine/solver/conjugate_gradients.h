@@ -13,7 +13,7 @@
 namespace sulcus {
 
 enum class Precision { single_precision, double_precision };
-enum class Preconditioner { block_jacobi, multigrid };
+enum class Preconditioner { block_jacobi, multigrid, automatic };  // automatic: by a rule, scene/scene.h
 
 struct SolverSettings {
   Preconditioner preconditioner = Preconditioner::block_jacobi;

@@ -447,6 +447,10 @@ void read_solver(const json& object, Scenario& scenario) {
   SolverSettings& solver = scenario.scene.solver;
   solver.precision = object.value("precision", "single") == "double" ? Precision::double_precision
                                                                      : Precision::single_precision;
+  const std::string preconditioner = object.value("preconditioner", "auto");
+  solver.preconditioner = preconditioner == "block_jacobi" ? Preconditioner::block_jacobi
+                          : preconditioner == "multigrid"  ? Preconditioner::multigrid
+                                                           : Preconditioner::automatic;
   read(object, "tolerance", solver.tolerance);
   read(object, "max_iterations", solver.max_iterations);
   read(object, "measure_error_every_steps", scenario.measure_error_every_steps);

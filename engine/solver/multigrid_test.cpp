@@ -1,0 +1,253 @@
+#include "engine/solver/multigrid.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+
+#include "engine/fem/test_meshes.h"
+#include "engine/solver/conjugate_gradients.h"
+#include "engine/solver/test_pressed_body.h"
+#include "engine/volume/test_maps.h"
+
+namespace sulcus {
+namespace {
+
+// A pressed, twisted body with its multigrid, ready to solve.
+template <class Real>
+struct Problem {
+  PressedBody body;
+  BodySystem<Real> system;
+  Multigrid multigrid;
+
+  explicit Problem(PressedBody pressed, int threads = 1, Isa isa = widest_isa())
+      : body(std::move(pressed)),
+        system(body, threads, isa),
+        multigrid(build_multigrid(body.mesh, body.elements, body.sparsity, body.step, body.elements.node_mass,
+                                  body.free_node)) {
+    use_multigrid(multigrid, body.sparsity.chunks, system.solver);
+    set_up();
+  }
+  Problem(const Problem&) = delete;
+  Problem& operator=(const Problem&) = delete;
+
+  void set_up() {
+    clear_contacts(system.solver.levels);
+    for (const Contact& contact : body.contacts) {
+      add_contact<Real>(multigrid, body.mesh, contact.tet, contact.weights,
+                        body.contact_weight() * contact.normal * contact.normal.transpose(),
+                        system.solver.levels);
+    }
+    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, system.solver.kernels,
+                           system.solver.threads, system.solver.levels);
+  }
+  SolveResult solve(double tolerance, int most = 2000) {
+    return conjugate_gradients(system.matrix(), system.borders, tolerance, 0.0, most, system.solver);
+  }
+};
+
+PressedBody cube(int cells, double contact_stiffness_N_m = 1e3) {
+  PressedBody body = make_body("cube", box_mesh(cells, cells, cells, 0.005));
+  const double edge = 0.005 * cells;
+  if (contact_stiffness_N_m > 0)
+    press(body, Vec3(edge / 2, edge / 2, edge), -Vec3::UnitZ(), 20, contact_stiffness_N_m);
+  return body;
+}
+
+// Two blocks that touch along a closed fissure and hang together below it: superimposed cells and nodes.
+PressedBody cloven_block(std::uint64_t seed) {
+  LabelMap map = box_map(9, 7, 9, 0.005);
+  Random random(seed);
+  for (int k = 0; k < 9; ++k) {
+    for (int j = 0; j < 7; ++j) {
+      for (int i = 0; i < 9; ++i) {
+        std::int32_t& label = map.labels[map.index(i, j, k)];
+        if (k > 2) label = i < 4 ? 2 : 3;
+        if (k > 0 && random_below(random, 12) == 0) label = 0;
+      }
+    }
+  }
+  EmbeddingOptions options;
+  options.size_m = 0.005;
+  return make_body("cloven", build_embedding(map, make_separation_pairs({{2, 3}}), options));
+}
+
+// z = M r for a residual given in node order, as the solver's first search direction (one iteration's p).
+template <class Real>
+Eigen::VectorXd preconditioned(Problem<Real>& problem, const Eigen::VectorXd& r) {
+  auto& solver = problem.system.solver;
+  std::fill(solver.b.begin(), solver.b.end(), Real(0));
+  for (std::size_t n = 0; n < problem.body.free_node.size(); ++n) {
+    for (std::size_t d = 0; d < 3; ++d)
+      solver.b[problem.system.entry(n, d)] = static_cast<Real>(r[static_cast<Eigen::Index>(3 * n + d)]);
+  }
+  problem.solve(0.0, 0);
+  Eigen::VectorXd z(r.size());
+  for (std::size_t n = 0; n < problem.body.free_node.size(); ++n) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      z[static_cast<Eigen::Index>(3 * n + d)] =
+          static_cast<double>(solver.p[problem.system.entry(n, d)]);
+    }
+  }
+  return z;
+}
+
+Eigen::MatrixXd dense_preconditioner(Problem<double>& problem) {
+  const auto size = static_cast<Eigen::Index>(problem.body.positions.size());
+  Eigen::MatrixXd m(size, size);
+  for (Eigen::Index k = 0; k < size; ++k) m.col(k) = preconditioned(problem, Eigen::VectorXd::Unit(size, k));
+  return m;
+}
+
+TEST(Multigrid, IsSymmetricAndPositiveOnFreeNodesAndZeroOnHeldOnes) {
+  for (bool cloven : {false, true}) {
+    Problem<double> problem(cloven ? cloven_block(3) : cube(5));
+    ASSERT_GT(problem.multigrid.levels, 1);
+    const Eigen::MatrixXd m = dense_preconditioner(problem);
+    EXPECT_LT((m - m.transpose()).norm(), 1e-13 * m.norm());
+    std::vector<Eigen::Index> rows;
+    for (std::size_t i = 0; i < problem.body.positions.size(); ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      if (problem.body.free_node[i / 3]) {
+        rows.push_back(row);
+      } else {
+        EXPECT_EQ(m.row(row).norm(), 0.0);
+      }
+    }
+    const Eigen::MatrixXd inner = m(rows, rows);
+    EXPECT_EQ(inner.llt().info(), Eigen::Success);
+  }
+}
+
+// Level by level against P_l (diagonal blocks of P_l^T A P_l)^-1 P_l^T made of the assembled matrix itself, on
+// a body at rest, where the mean rotations are exact.
+TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
+  PressedBody body = cloven_block(8);
+  for (std::size_t n = 0; n < body.mesh.rest_positions.size(); ++n) {
+    for (std::size_t d = 0; d < 3; ++d)
+      body.positions[3 * n + d] = body.mesh.rest_positions[n][static_cast<Eigen::Index>(d)];
+  }
+  Problem<double> problem(std::move(body));
+  const auto nodes = static_cast<Eigen::Index>(problem.body.free_node.size());
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(3 * nodes, 3 * nodes);
+  const Sparsity& sparsity = problem.body.sparsity;
+  const auto& system = problem.system.system;
+  for (std::int64_t s = 0; s < sparsity.chunks * 16; ++s) {
+    const std::int32_t row = sparsity.node_of_slot[static_cast<std::size_t>(s)];
+    if (row < 0) continue;
+    const std::int64_t chunk = s / 16, lane = s % 16;
+    const auto add = [&](std::int32_t column, const double* planes) {
+      for (int k = 0; k < 9; ++k) a(3 * row + k / 3, 3 * column + k % 3) += planes[16 * k];
+    };
+    add(row, &system.diagonal[static_cast<std::size_t>(chunk * 144 + lane)]);
+    for (std::int64_t e = sparsity.chunk_start[static_cast<std::size_t>(chunk)];
+         e < sparsity.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++e) {
+      const std::int32_t at = sparsity.column[static_cast<std::size_t>(e * 16 + lane)];
+      add(sparsity.node_of_slot[static_cast<std::size_t>(at)], &system.values[static_cast<std::size_t>(e * 144 + lane)]);
+    }
+  }
+  const std::vector<CoarseLevel> levels = build_coarse_levels(problem.body.mesh, 40);
+  ASSERT_EQ(static_cast<std::int64_t>(levels.size()), problem.multigrid.levels);
+  Eigen::MatrixXd p = Eigen::MatrixXd::Identity(nodes, nodes);
+  for (Eigen::Index n = 0; n < nodes; ++n) p(n, n) = problem.body.free_node[static_cast<std::size_t>(n)];
+  std::int64_t global = 0;
+  for (const CoarseLevel& level : levels) {
+    Eigen::MatrixXd up = Eigen::MatrixXd::Zero(p.cols(), level.node_count);
+    for (Eigen::Index n = 0; n < p.cols(); ++n) {
+      const auto first = level.start[static_cast<std::size_t>(n)], last = level.start[static_cast<std::size_t>(n) + 1];
+      for (std::int32_t k = first; k < last; ++k) up(n, level.among[static_cast<std::size_t>(k)]) = 1.0 / (last - first);
+    }
+    p = p * up;
+    for (std::int64_t c = 0; c < level.node_count; ++c, ++global) {
+      Mat3 expected = Mat3::Zero();
+      for (Eigen::Index i = 0; i < nodes; ++i) {
+        if (p(i, c) == 0) continue;
+        for (Eigen::Index j = 0; j < nodes; ++j) {
+          if (p(j, c) != 0) expected += p(i, c) * p(j, c) * a.block<3, 3>(3 * i, 3 * j);
+        }
+      }
+      Mat3 found = problem.multigrid.mass[static_cast<std::size_t>(global)] * Mat3::Identity();
+      for (std::int32_t k = problem.multigrid.corner_start[static_cast<std::size_t>(global)];
+           k < problem.multigrid.corner_start[static_cast<std::size_t>(global) + 1]; ++k) {
+        const float* b =
+            &problem.multigrid.stiffness[8 * static_cast<std::size_t>(problem.multigrid.corners[static_cast<std::size_t>(k)])];
+        Mat3 block;
+        block << b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5];
+        found += block;
+      }
+      EXPECT_LT((found - expected).norm(), 1e-5 * expected.norm() + 1e-12) << "coarse node " << global;
+    }
+  }
+}
+
+TEST(Multigrid, FindsTheSolutionOfBlockJacobi) {
+  for (bool cloven : {false, true}) {
+    Problem<double> problem(cloven ? cloven_block(5) : cube(8));
+    const SolveResult with = problem.solve(1e-11);
+    EXPECT_TRUE(with.converged);
+    const auto own = problem.system.solver.x;
+    problem.system.solver.multigrid = nullptr;
+    problem.system.solver.levels = {};
+    const SolveResult without = problem.solve(1e-12);
+    EXPECT_LT(relative_difference(own, problem.system.solver.x), 1e-8);
+    EXPECT_LT(with.iterations, without.iterations);
+  }
+}
+
+TEST(Multigrid, NeedsNoMoreIterationsOnFinerMeshes) {
+  int least = 1000, most = 0;
+  for (int cells : {8, 12, 16}) {
+    Problem<double> problem(cube(cells));
+    const SolveResult result = problem.solve(1e-4);
+    EXPECT_TRUE(result.converged);
+    least = std::min(least, result.iterations);
+    most = std::max(most, result.iterations);
+  }
+  EXPECT_LT(most, 1.6 * least);
+}
+
+TEST(Multigrid, BearsAnyContactStiffness) {
+  for (double stiffness : {0.0, 1.0, 1e4, 1e8}) {
+    Problem<double> problem(cube(6, stiffness));
+    EXPECT_TRUE(problem.solve(1e-8).converged) << stiffness;
+  }
+}
+
+// The error that is left is what the tolerance says, within a small factor: its norm is nearly that of energy.
+TEST(Multigrid, ToleranceIsCloseToTheErrorThatIsLeft) {
+  for (double tolerance : {1e-2, 1e-3, 1e-4}) {
+    Problem<double> problem(cube(10));
+    problem.solve(1e-12);
+    const auto expected = problem.system.solver.x;
+    problem.solve(tolerance);
+    EXPECT_LT(relative_difference(problem.system.solver.x, expected), 20 * tolerance);
+  }
+}
+
+template <class Real>
+void expect_same_bits_everywhere() {
+  Problem<Real> reference(cube(7), 1, Isa::sse2);
+  reference.solve(1e-4);
+  for (Isa isa : {Isa::sse2, Isa::avx2, Isa::avx512}) {
+    if (isa > widest_isa()) continue;
+    for (int threads : {1, 2, 3, 8}) {
+      Problem<Real> other(cube(7), threads, isa);
+      other.solve(1e-4);
+      EXPECT_EQ(other.system.solver.x, reference.system.solver.x) << isa_name(isa) << ' ' << threads;
+    }
+  }
+}
+
+TEST(Multigrid, GivesTheSameBitsOnEveryInstructionSetAndThreadCount) {
+  expect_same_bits_everywhere<float>();
+  expect_same_bits_everywhere<double>();
+}
+
+TEST(Multigrid, HasNoLevelsWhereTheMeshIsSmall) {
+  const PressedBody body = cube(1, 0);
+  const Multigrid multigrid = build_multigrid(body.mesh, body.elements, body.sparsity, body.step,
+                                              body.elements.node_mass, body.free_node);
+  EXPECT_EQ(multigrid.levels, 0);
+}
+
+}  // namespace
+}  // namespace sulcus
