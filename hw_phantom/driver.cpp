@@ -35,11 +35,14 @@ class NumberLocale {
   locale_t c_, thread_before_ = locale_t();
 };
 
-// By library; never destroyed, as the library is never unloaded.
+// By library as the loader knows it, whatever name it was asked for; never destroyed, as the library is never
+// unloaded.
 struct Registry {
   std::mutex mutex;
-  std::map<std::string, std::unique_ptr<Driver>> drivers;
+  std::map<void*, std::unique_ptr<Driver>> drivers;
 };
+
+thread_local constinit Driver* ticking = nullptr;  // in the servo's thread, during a tick
 
 Registry& registry() {
   static Registry* const instance = new Registry;
@@ -51,7 +54,7 @@ void shut_down_all() {
   const timespec ten_ticks{0, 10'000'000};
   nanosleep(&ten_ticks, nullptr);
   const std::scoped_lock lock(registry().mutex);
-  for (auto& [path, driver] : registry().drivers) driver->shut_down();
+  for (auto& [library, driver] : registry().drivers) driver->shut_down();
 }
 
 }  // namespace
@@ -61,7 +64,7 @@ Driver& Driver::get(const std::string& library) {
   Api api = load(library);
   const std::scoped_lock lock(registry().mutex);
   if (registry().drivers.empty()) std::atexit(shut_down_all);
-  std::unique_ptr<Driver>& driver = registry().drivers[api.path];
+  std::unique_ptr<Driver>& driver = registry().drivers[api.library];
   if (driver == nullptr) {
     driver = std::make_unique<Driver>();
     driver->api_ = api;
@@ -105,8 +108,24 @@ void Driver::add(Handle device, Servo& servo, bool skip_disable) {
   throw OpenError(Failure::device, "phantom: four devices are open already; close one first");
 }
 
+void OwnCode::say(void* own_code) {
+  if (ticking != nullptr) ticking->silence(static_cast<OwnCode*>(own_code)->in_frame_);
+}
+
+void Driver::silence(Handle in_frame) noexcept {
+  const double zero[3] = {0, 0, 0};
+  api_.set_double(current_force, zero);
+  api_.end_frame(in_frame);
+  for (const Slot& slot : slots_) {
+    if (slot.servo == nullptr) continue;
+    api_.make_current_device(slot.device);
+    api_.disable(force_output);
+  }
+}
+
 unsigned int Driver::run_tick(void* user) {
   Driver& driver = *static_cast<Driver*>(user);
+  ticking = &driver;
   // One callback for all devices, so that the driver's current device does not change between begin and end.
   bool any = false;
   for (Slot& slot : driver.slots_) {
@@ -114,7 +133,28 @@ unsigned int Driver::run_tick(void* user) {
     slot.done = !slot.servo->tick(driver.api_, slot.device);
     any = any || !slot.done;
   }
+  ticking = nullptr;
   return any ? callback_continue : callback_done;
+}
+
+// The driver may leave the motors as they are while its scheduler stands.
+void Driver::pause(void (*sleep_s)(double)) noexcept {
+  bool any = false;
+  for (const Slot& slot : slots_) {
+    if (slot.servo == nullptr) continue;
+    slot.servo->rest(true);
+    any = true;
+  }
+  constexpr double ten_ticks_s = 0.01;
+  if (any && scheduled_) sleep_s(ten_ticks_s);
+  stop();
+}
+
+void Driver::resume(unsigned long rate_Hz) {
+  for (const Slot& slot : slots_) {
+    if (slot.servo != nullptr) slot.servo->rest(false);
+  }
+  start(rate_Hz);
 }
 
 void Driver::start(unsigned long rate_Hz) {
@@ -144,13 +184,13 @@ void Driver::release(Slot& slot) noexcept {
   slot = Slot();
 }
 
-void Driver::detach(Handle device) noexcept {
+void Driver::detach(Handle device, void (*sleep_s)(double)) noexcept {
   const std::scoped_lock lock(control_);
   for (Slot& slot : slots_) {
     if (slot.servo == nullptr || slot.device != device) continue;
-    stop();
+    pause(sleep_s);
     release(slot);
-    start(rate_Hz_);
+    resume(rate_Hz_);
   }
 }
 

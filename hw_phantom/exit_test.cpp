@@ -20,8 +20,12 @@ struct Ending {
   standin::Log log{};
 };
 
-Ending run_child(const char* how) {
-  const std::string path = std::string(SULCUS_BINARY_DIR) + "/phantom_exit_" + how + ".log";
+std::string log_path(const char* how) {
+  return std::string(SULCUS_BINARY_DIR) + "/phantom_exit_" + how + ".log";
+}
+
+pid_t start_child(const char* how) {
+  const std::string path = log_path(how);
   std::filesystem::remove(path);
   const pid_t child = fork();
   if (child == 0) {
@@ -31,13 +35,24 @@ Ending run_child(const char* how) {
     execl(PHANTOM_EXIT_CHILD, PHANTOM_EXIT_CHILD, how, nullptr);
     _exit(98);
   }
-  Ending ending;
-  waitpid(child, &ending.status, 0);
-  std::ifstream file(path, std::ios::binary);
+  return child;
+}
+
+standin::Log read_log(const char* how) {
+  std::ifstream file(log_path(how), std::ios::binary);
   char bytes[sizeof(standin::Log)] = {};
   file.read(bytes, sizeof(bytes));
   EXPECT_TRUE(file.good());
-  std::memcpy(&ending.log, bytes, sizeof(bytes));
+  standin::Log log{};
+  std::memcpy(&log, bytes, sizeof(bytes));
+  return log;
+}
+
+Ending run_child(const char* how) {
+  const pid_t child = start_child(how);
+  Ending ending;
+  waitpid(child, &ending.status, 0);
+  ending.log = read_log(how);
   return ending;
 }
 
@@ -77,6 +92,45 @@ TEST(Exit, InterruptLeavesNoForce) {
 }
 TEST(Exit, TerminationLeavesNoForce) {
   expect_killed_without_force("term", SIGTERM);
+}
+TEST(Exit, QuitLeavesNoForce) {
+  expect_killed_without_force("quit", SIGQUIT);
+}
+TEST(Exit, LimitOfTheSystemLeavesNoForce) {
+  expect_killed_without_force("file_size", SIGXFSZ);
+}
+TEST(Exit, StackThatOverflowsLeavesNoForce) {
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "the sanitizer handles this signal itself";
+#else
+  expect_killed_without_force("overflow", SIGSEGV);
+#endif
+}
+// Nobody would tick any more.
+TEST(Exit, AbortInTheServosThreadLeavesNoForce) {
+  expect_killed_without_force("servo_abort", SIGABRT);
+}
+TEST(Exit, SegmentationFaultInTheServosThreadLeavesNoForce) {
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "the sanitizer handles this signal itself";
+#else
+  expect_killed_without_force("servo_segv", SIGSEGV);
+#endif
+}
+TEST(Exit, HaltLeavesNoForceUntilTheProcessGoesOn) {
+  const pid_t child = start_child("halt");
+  int status = 0;
+  waitpid(child, &status, WUNTRACED);
+  ASSERT_TRUE(WIFSTOPPED(status)) << status;
+  const standin::Log halted = read_log("halt");
+  EXPECT_GT(halted.largest_force_N, 0.3);
+  EXPECT_EQ(halted.force_N, 0);
+  kill(child, SIGCONT);
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+}
+TEST(Exit, ReaderThatGoesAwayEndsNothing) {
+  expect_clean_exit("pipe", 1);
 }
 TEST(Exit, OrdinaryExitTearsDown) {
   expect_clean_exit("exit", 1);

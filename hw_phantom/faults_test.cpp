@@ -1,4 +1,6 @@
 // The fault matrix of a running device, one test a row.
+#include <filesystem>
+
 #include "hw_phantom/faults_fixture.h"
 
 namespace sulcus {
@@ -117,6 +119,22 @@ TEST_F(Faults, WarmMotorsRestUntilTheyAreCool) {
   EXPECT_NEAR(motor_force_N(), 0.5, 1e-12);
 }
 
+TEST_F(Faults, WarmMotorsOfAnUnknownTemperatureRestForHalfAMinute) {
+  standin::Faults faults{};
+  faults.no_temperature = true;
+  inject(faults);
+  arm();
+  push(1000);
+  faults.error = 0x0200;
+  faults.error_from = after(1);
+  inject(faults);
+  push(29000);
+  EXPECT_EQ(motor_force_N(), 0);
+  EXPECT_EQ(device_->state(), DeviceState::armed);
+  push(2000);
+  EXPECT_NEAR(motor_force_N(), 0.5, 1e-12);
+}
+
 TEST_F(Faults, HotMotorsGetLess) {
   standin::Faults faults{};
   faults.temperature = 0.825;
@@ -156,7 +174,7 @@ TEST_F(Faults, OneForceErrorIsSurvivedWithASoftStart) {
 }
 
 TEST_F(Faults, RepeatedForceErrorsAreAFault) {
-  for (const unsigned int code : {0x0201u, 0x0202u, 0x0203u}) {
+  for (const unsigned int code : {0x0201u, 0x0202u, 0x0203u, 0x0204u}) {
     SCOPED_TRACE(code);
     SetUp();
     arm();
@@ -207,7 +225,8 @@ TEST_F(Faults, LostCommunicationIsAFaultThatTheMainThreadNotices) {
 
 TEST_F(Faults, EveryOtherErrorInTheServoIsAFault) {
   for (const unsigned int code :
-       {0x0100u, 0x0103u, 0x0104u, 0x0300u, 0x0304u, 0x0400u, 0x0402u, 0x0600u, 0x0999u}) {
+       {0x0100u, 0x0102u, 0x0103u, 0x0104u, 0x0300u, 0x0303u, 0x0304u, 0x0400u, 0x0401u, 0x0402u, 0x0600u,
+        0x0999u}) {
     SCOPED_TRACE(code);
     SetUp();
     arm();
@@ -221,6 +240,43 @@ TEST_F(Faults, EveryOtherErrorInTheServoIsAFault) {
     EXPECT_EQ(motor_force_N(), 0);
     device_.reset();
   }
+}
+
+TEST_F(Faults, DeviceThatIsGivenUpFromOutsideGetsItsMotorsSwitchedOff) {
+  arm();
+  push(1000);
+  DeviceSample sample;
+  EXPECT_EQ(device_->read(std::nan(""), sample), DeviceError::fatal);
+  push(3);
+  EXPECT_EQ(motor_force_N(), 0);
+  EXPECT_FALSE(observe().motors_on);
+}
+
+TEST_F(Faults, SecondDeviceThatOpensTakesTheForceFromTheFirstFirst) {
+  arm();
+  push(1000);
+  PhantomSettings settings = manual_settings();
+  settings.device_name = "Second Device";
+  const auto second = make_phantom_device(settings);
+  second->open();
+  EXPECT_EQ(observe(0).stops_with_force, 0u);
+  push(10);
+  EXPECT_LT(motor_force_N(), 0.5 * 150 / 500);  // a soft start, begun when the scheduler did again
+}
+
+// The loader knows one library, whatever name it is asked for; so must the driver's one scheduler.
+TEST_F(Faults, OneLibraryByTwoNamesIsOneDriver) {
+  const std::filesystem::path other = std::filesystem::path(SULCUS_BINARY_DIR) / "phantom_other_name.so";
+  std::filesystem::remove(other);
+  std::filesystem::create_symlink(standin_path(), other);
+  arm();
+  PhantomSettings settings = manual_settings();
+  settings.library = other;
+  const auto second = make_phantom_device(settings);
+  EXPECT_THROW(second->open(), hd::OpenError);  // the first holds it
+  EXPECT_EQ(observe().disables, 0);
+  push(1000);
+  EXPECT_NEAR(motor_force_N(), 0.5, 1e-12);
 }
 
 TEST_F(Faults, TwoDevicesInOneCallbackGetEachItsForce) {
@@ -243,8 +299,10 @@ TEST_F(Faults, TwoDevicesInOneCallbackGetEachItsForce) {
   ASSERT_EQ(device_->read(0, a), DeviceError::none);
   ASSERT_EQ(second->read(0, b), DeviceError::none);
   EXPECT_GT((a.position - b.position).norm(), 0.01);
-  // One leaves, the other goes on.
+  // One leaves, the other goes on; while the scheduler stands, no motor is left with a force.
   second->close();
+  EXPECT_EQ(observe(0).stops_with_force, 0u);
+  EXPECT_EQ(motor_force_N(), 0);
   push(1000, 0.2);
   EXPECT_NEAR(observe(0).force_N[0], 0.2, 1e-12);
   EXPECT_EQ(motor_force_N(1), 0);

@@ -66,6 +66,11 @@ TEST_F(Faults, DeviceLeftInitiatedIsTakenOverOnce) {
   EXPECT_EQ(observe().disables, 1);
 }
 
+TEST_F(Faults, DeviceThatStaysInUseIsTriedTwiceAndTold) {
+  expect_open_failure(0x0301, hd::Failure::device, "end it, then replug");
+  EXPECT_EQ(standin_control().inits_failed(), 2);
+}
+
 TEST_F(Faults, DeviceHeldByAnotherObjectIsNotTakenAway) {
   arm();
   const auto second = make_phantom_device(manual_settings());
@@ -109,6 +114,16 @@ TEST_F(Faults, CalibrationThatNeverComesTellsTheUserWhatToDo) {
   EXPECT_EQ(device_->state(), DeviceState::open);
   inject({});
   EXPECT_NO_THROW(device_->calibrate());  // it may be tried again
+}
+
+TEST_F(Faults, InterruptEndsTheWaitForTheCalibration) {
+  standin::Faults faults{};
+  faults.manual_input_ticks = 1000000;
+  inject(faults);
+  device_->open();
+  stop_all_forces();
+  EXPECT_THROW(device_->calibrate(), hd::OpenError);
+  EXPECT_LT(standin_control().ticks(), 1000u);
 }
 
 TEST_F(Faults, GarbageAtTheStartIsNotPublished) {

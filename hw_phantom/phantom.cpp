@@ -174,6 +174,7 @@ void Phantom::open() {
   driver_ = &hd::Driver::get(settings_.library);
   servo_ = std::make_unique<PhantomServo>();
   PhantomServo& servo = *servo_;
+  servo.controller = std::this_thread::get_id();
   servo.now_s = settings_.clock.now_s;
   servo.mount = settings_.mount;
   servo.nominal_interval_s = 1 / settings_.rate_Hz;
@@ -182,7 +183,7 @@ void Phantom::open() {
   have_sample_ = false;
   const auto rate_Hz = static_cast<unsigned long>(std::lround(settings_.rate_Hz));
   device_ = driver_->attach(settings_.device_name, servo, rate_Hz, settings_.skip_disable,
-                            [&](hd::Handle) { describe_device(driver_->api()); });
+                            settings_.clock.sleep_s, [&](hd::Handle) { describe_device(driver_->api()); });
   identity_.rate_refused = driver_->rate_refused();
   state_ = DeviceState::open;
 
@@ -202,11 +203,13 @@ void Phantom::open() {
 void Phantom::calibrate() {
   expect(DeviceState::open, "calibrate()");
   servo_->mode.store(ServoMode::calibrate, std::memory_order_release);
-  const bool done = wait(settings_.calibration_timeout_s, [&] {
-    return servo_->faulted.load(std::memory_order_acquire) ||
-           servo_->reached.load(std::memory_order_acquire) == ServoMode::calibrate;
+  const auto reached = [&] {
+    return servo_->reached.load(std::memory_order_acquire) == ServoMode::calibrate;
+  };
+  wait(settings_.calibration_timeout_s, [&] {
+    return servo_->faulted.load(std::memory_order_acquire) || forces_stopped() || reached();
   });
-  if (done && !servo_->faulted.load()) {
+  if (reached() && !servo_->faulted.load()) {
     state_ = DeviceState::calibrated;
     return;
   }
@@ -215,6 +218,8 @@ void Phantom::calibrate() {
                                                  "; check cable and power, close and open the device");
   }
   servo_->mode.store(ServoMode::watch, std::memory_order_release);
+  if (forces_stopped())
+    throw hd::OpenError(hd::Failure::calibration, "phantom: interrupted before it was calibrated");
   const bool manual = servo_->calibration.load() == hd::needs_manual_input;
   throw hd::OpenError(hd::Failure::calibration,
                       std::string("phantom: not calibrated in time: the device ") +
@@ -255,7 +260,7 @@ void Phantom::close() noexcept {
     return servo_->faulted.load(std::memory_order_acquire) ||
            servo_->reached.load(std::memory_order_acquire) == ServoMode::stop;
   });
-  driver_->detach(device_);
+  driver_->detach(device_, settings_.clock.sleep_s);
   device_ = hd::invalid_handle;
   state_ = DeviceState::closed;
 }
@@ -328,7 +333,9 @@ std::vector<Finding> diagnose_phantom(const PhantomSettings& settings, double wa
   add(id.inputs >= 3);
   const PhantomStatus before = device->status();
   const double from_s = settings.clock.now_s();
-  settings.clock.sleep_s(watch_s);
+  while (settings.clock.now_s() < from_s + watch_s && !forces_stopped()) {
+    settings.clock.sleep_s(std::min(0.1, from_s + watch_s - settings.clock.now_s()));
+  }
   const PhantomStatus after = device->status();
   const double rate_Hz = static_cast<double>(after.ticks - before.ticks) / (settings.clock.now_s() - from_s);
   std::snprintf(line, sizeof(line),

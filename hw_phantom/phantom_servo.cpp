@@ -16,13 +16,16 @@ constexpr int calibration_check_ticks = 50;  // between two looks at the calibra
 constexpr int debounce_ticks = 5;
 constexpr int max_invalid_run = 50;          // ticks without a sound sample until the device is given up
 constexpr double force_error_window_s = 2;   // four force errors within it are a fault
-constexpr double cool_temperature = 0.5;     // motors that were too warm work again below it
+constexpr double cool_temperature = 0.5;     // motors that were too warm work again below it, ...
+constexpr double least_rest_s = 1;           // ... not before this, ...
+constexpr double blind_rest_s = 30;          // ... and after this where the device tells no temperature
 constexpr double angular_filter_s = 0.0053;  // 30 Hz, of the differentiated orientation
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
 bool PhantomServo::tick(const hd::Api& api, hd::Handle device) {
+  if (status_.ticks == 0 && std::this_thread::get_id() != controller) keep_signals_from_this_thread();
   error_this_tick_ = false;
   api.begin_frame(device);
   const double now = now_s();
@@ -34,17 +37,21 @@ bool PhantomServo::tick(const hd::Api& api, hd::Handle device) {
   ++status_.ticks;
 
   Reading reading = read(api);
-  bool alive = survives(api);
+  bool alive = survives(api) && !faulted.load(std::memory_order_acquire);
   if (status_.ticks <= first_sound_tick) reading.valid = false;
   invalid_run_ = reading.valid || status_.ticks <= first_sound_tick ? 0 : invalid_run_ + 1;
   if (!reading.valid && status_.ticks > first_sound_tick) ++status_.invalid_samples;
   if (invalid_run_ > max_invalid_run) alive = false;
 
-  debounce(reading.buttons);
   DeviceSample sample;
-  if (reading.valid) sample = make_sample(reading);
   if (!alive) faulted.store(true, std::memory_order_relaxed);
-  send(api, reading, sample);
+  {
+    const hd::OwnCode own(device);
+    debounce(reading.buttons);
+    if (reading.valid) sample = make_sample(reading);
+    decide(reading, sample);
+  }
+  send(api);
   api.end_frame(device);
   alive = survives(api) && alive;
   if (alive) alive = change_mode(api, device);
@@ -93,6 +100,7 @@ bool PhantomServo::survives(const hd::Api& api) {
       alive = false;
     } else if (error.code == hd::warm_motors) {
       too_warm_ = true;
+      warm_error_s_ = last_time_s_;
       ++status_.force_errors;
     } else {
       ++status_.force_errors;
@@ -170,16 +178,19 @@ StampedCommand PhantomServo::command_for(const DeviceSample& sample) {
   return command_;
 }
 
-void PhantomServo::send(const hd::Api& api, const Reading& reading, const DeviceSample& sample) {
+void PhantomServo::decide(const Reading& reading, const DeviceSample& sample) {
   const bool failed = faulted.load(std::memory_order_relaxed);
-  if (reading.temperature < cool_temperature) too_warm_ = false;
+  const double rested_s = last_time_s_ - warm_error_s_;
+  if (reading.temperature < cool_temperature && rested_s > (has_temperature ? least_rest_s : blind_rest_s))
+    too_warm_ = false;
   const bool held = hold_button < 0 || (buttons_ >> hold_button & 1) != 0;
   const bool running = reached.load(std::memory_order_relaxed) == ServoMode::run &&
                        mode.load(std::memory_order_acquire) == ServoMode::run;
 
   SafetyInput input;
   input.permitted = running && !failed && !error_this_tick_ && !too_warm_ && !reading.docked && held &&
-                    !paused.load(std::memory_order_relaxed) && !forces_stopped();
+                    !paused.load(std::memory_order_relaxed) && !resting_.load(std::memory_order_relaxed) &&
+                    !forces_stopped();
   input.pose_valid = reading.valid;
   input.position = reading.pose.position;
   input.speed_m_s = speed_m_s_;
@@ -189,7 +200,8 @@ void PhantomServo::send(const hd::Api& api, const Reading& reading, const Device
     const StampedCommand stamped = command_for(sample);
     const DeviceCommand& command = stamped.command;
     input.command_age_s = last_time_s_ - stamped.written_s;
-    status_.max_command_age_s = std::max(status_.max_command_age_s, input.command_age_s);
+    if (stamped.written_s > 0)
+      status_.max_command_age_s = std::max(status_.max_command_age_s, input.command_age_s);
     if (sample.time_s <= command.expiry_s) {
       input.force = direction_from_world(mount, command.force);
       if (renders_torque) input.torque = direction_from_world(mount, command.torque);
@@ -198,7 +210,9 @@ void PhantomServo::send(const hd::Api& api, const Reading& reading, const Device
     if (!input.force.allFinite() || !input.torque.allFinite()) ++status_.commands_not_finite;
   }
   status_.reasons = limit_force(limits, input, safety_);
+}
 
+void PhantomServo::send(const hd::Api& api) const {
   const double force[3] = {safety_.force.x(), safety_.force.y(), safety_.force.z()};
   api.set_double(hd::current_force, force);
   if (renders_torque) {

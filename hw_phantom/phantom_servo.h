@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <thread>
 
 #include "engine/device/mailbox.h"
 #include "hw_phantom/driver.h"
@@ -26,8 +27,10 @@ struct StampedCommand {
 // Everything is set before the servo starts, but for the atomics and mailboxes.
 struct PhantomServo final : hd::Servo {
   bool tick(const hd::Api& api, hd::Handle device) override;
+  void rest(bool resting) noexcept override { resting_.store(resting, std::memory_order_relaxed); }
 
   // Set before attaching.
+  std::thread::id controller;  // the thread that controls the device
   double (*now_s)() = nullptr;
   DeviceMount mount;
   SafetyLimits limits;
@@ -69,11 +72,14 @@ struct PhantomServo final : hd::Servo {
   void debounce(int raw);
   DeviceSample make_sample(const Reading& reading);
   StampedCommand command_for(const DeviceSample& sample);
-  void send(const hd::Api& api, const Reading& reading, const DeviceSample& sample);
+  void decide(const Reading& reading, const DeviceSample& sample);  // what to send: safety_
+  void send(const hd::Api& api) const;
   bool change_mode(const hd::Api& api, hd::Handle device);  // false: the motors could not be switched on
   bool calibrate(const hd::Api& api);                       // true: done and settled
   bool switch_motors_on(const hd::Api& api);
   void fail(const hd::Api& api, hd::Handle device);
+
+  std::atomic<bool> resting_{false};
 
   // Servo thread only.
   PhantomStatus status_;
@@ -91,6 +97,7 @@ struct PhantomServo final : hd::Servo {
   std::uint32_t buttons_ = 0;
   int invalid_run_ = 0;    // ticks without a valid sample, in a row
   int settled_ticks_ = 0;  // since the calibration was ok
+  double warm_error_s_ = -1e9;  // s, when the motors were too warm last
   bool too_warm_ = false;
   double force_error_s_[4] = {-1e9, -1e9, -1e9, -1e9};  // s, when the last ones came
   bool error_this_tick_ = false;

@@ -6,6 +6,8 @@
 namespace sulcus {
 namespace {
 
+constexpr double longest_change_s = 0.002;  // a late tick must not let the force jump
+
 double length(const Vec3& v) {
   return std::sqrt(v.squaredNorm());
 }
@@ -75,9 +77,10 @@ std::uint32_t limit_force(const SafetyLimits& limits, const SafetyInput& in, Saf
     reasons |= reason_norm;
     return Vec3(wanted * (share * largest / norm));
   };
-  reasons |= follow(scaled(in.force, limits.max_force_N), limits.slew_N_s * interval_s, state.force);
+  const double change_s = std::min(interval_s, longest_change_s);
+  reasons |= follow(scaled(in.force, limits.max_force_N), limits.slew_N_s * change_s, state.force);
   reasons |=
-      follow(scaled(in.torque, limits.max_torque_N_m), limits.torque_slew_N_m_s * interval_s, state.torque);
+      follow(scaled(in.torque, limits.max_torque_N_m), limits.torque_slew_N_m_s * change_s, state.torque);
   return reasons;
 }
 

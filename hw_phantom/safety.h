@@ -11,7 +11,7 @@ struct SafetyLimits {
   double max_force_N =
       0.88;  // N, norm of the force; the device's own continuous force if it tells a smaller one
   double max_torque_N_m = 0.1;    // N m, norm of the torque
-  double slew_N_s = 400;          // N/s, fastest change of the force
+  double slew_N_s = 400;          // N/s, fastest change of the force, in a tick at most that of 2 ms
   double torque_slew_N_m_s = 40;  // N m/s
   double soft_start_s = 0.5;      // s, from nothing to full force after a start, a dock, a pause or an error
   double watchdog_s = 0.03;       // s, a command older than this fades ...

@@ -68,6 +68,17 @@ TEST(Safety, ChangesNoFasterThanTheSlewLimit) {
   EXPECT_NEAR((state.force - Vec3(0.3, 0, 0.4)).norm(), 0.4, 1e-12);
 }
 
+TEST(Safety, ALateTickDoesNotLetTheForceJump) {
+  SafetyLimits limits = boxed();
+  limits.slew_N_s = 100;
+  SafetyInput input = good_input();
+  SafetyState state = settled(input, limits);
+  input.force = -input.force;
+  input.interval_s = 0.015;
+  limit_force(limits, input, state);
+  EXPECT_NEAR((state.force - Vec3(0.3, 0, 0.4)).norm(), 0.2, 1e-12);  // as after 2 ms
+}
+
 TEST(Safety, FadesAnOldCommandToNothing) {
   SafetyInput input = good_input();
   input.command_age_s = 0.04;

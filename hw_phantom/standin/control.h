@@ -13,7 +13,6 @@ struct Faults {
   int init_error_internal;
   int init_errors;           // how many times; 0 with a code: always
   bool garbage_handle;       // "success" with a handle out of range
-  int stale_errors;          // errors on the stack before it
   bool needs_decimal_point;  // reads a number in the present locale; with a comma the joints are dead
   // Calibration
   std::uint64_t manual_input_ticks;  // needs manual input up to this tick ...
@@ -58,6 +57,7 @@ struct Observation {
   std::uint64_t forces_while_uncalibrated;  // frames with a force ...
   std::uint64_t forces_while_docked;
   std::uint64_t sets_outside_frames;
+  std::uint64_t stops_with_force;  // of the scheduler, while the motors had a force
   bool initialised, motors_on, frame_open;
   int inits, disables;
 };
@@ -81,6 +81,7 @@ struct Control {
   void (*kinematics)(const double* joints, const double* gimbals, double* transform);
   std::uint64_t (*ticks)();
   bool (*scheduler_runs)();
+  int (*inits_failed)();  // by init_error, since reset
 };
 
 // Exported as "standin_control". A program that cannot reach it sets SULCUS_STANDIN (world.cpp). With SULCUS_STANDIN_LOG set to a file, its 64 bytes are kept up to date,

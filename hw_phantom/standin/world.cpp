@@ -212,6 +212,7 @@ void stop(World& w) {
     const std::scoped_lock lock(w.mutex);
     w.running = false;
     for (SimulatedDevice& device : w.devices) {
+      if (norm(device.seen.force_N) > 0) ++device.seen.stops_with_force;
       for (double& f : device.seen.force_N) f = 0;  // the motors go off with the scheduler
     }
     if (w.log != nullptr) w.log->force_N = 0, w.log->scheduler_runs = 0;
@@ -304,5 +305,9 @@ const Control standin_control = {
     [] {
       const std::scoped_lock lock(world().mutex);
       return world().running;
+    },
+    [] {
+      const std::scoped_lock lock(world().mutex);
+      return world().inits_failed;
     },
 };

@@ -2,7 +2,7 @@
 // the error. Bodies: the cubes that others are compared on (5 tetrahedra a cube of 5 mm) and the brain of
 // brain_sylvian_retraction at 15, 10 and 5 mm (left out where its image is not installed).
 //
-//   build/release/tools/engine_bench --benchmark_filter='69120|brain'
+//   build/release/tools/engine_bench --benchmark_filter='24x24|jhu'
 //
 // Names: kernel<precision>/body/threads. best_us: the shortest of the calls (others may use the machine);
 // share: of the least time that the measured bandwidth or rate (`label`) allows; error: |single - double| /
@@ -18,11 +18,10 @@
 
 #include "engine/fem/rotation.h"
 #include "engine/fem/stress.h"
-#include "engine/fem/test_meshes.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/team.h"
-#include "scenarios/loader/scenario.h"
-#include "tools/bench/bench_case.h"
+#include "engine/numerics/test_random.h"
+#include "tools/bench/bodies.h"
 #include "tools/bench/limits.h"
 
 namespace sulcus {
@@ -72,7 +71,7 @@ template <class Real>
 constexpr int newton_steps = sizeof(Real) == 4 ? 2 : 3;
 
 template <class Real>
-Demand assembly_demand(const BenchBody& body) {
+Demand assembly_demand(const PressedBody& body) {
   const double tets = static_cast<double>(body.mesh.tets.size()), reals = sizeof(Real);
   const double nodes = static_cast<double>(body.positions.size() / 3);
   const double edges = static_cast<double>(body.sparsity.edges.size());
@@ -85,7 +84,7 @@ Demand assembly_demand(const BenchBody& body) {
 }
 
 template <class Real>
-Demand product_demand(const BenchBody& body) {
+Demand product_demand(const PressedBody& body) {
   const double entries = static_cast<double>(body.sparsity.column.size());
   const double slots = static_cast<double>(body.sparsity.node_of_slot.size());
   return demand<Real>(entries * (9 * sizeof(Real) + 4) + slots * (9 + 3 + 4 + 3) * sizeof(Real),
@@ -93,7 +92,7 @@ Demand product_demand(const BenchBody& body) {
 }
 
 template <class Real>
-Demand iteration_demand(const BenchBody& body) {
+Demand iteration_demand(const PressedBody& body) {
   Demand all = product_demand<Real>(body);
   const double slots = static_cast<double>(body.sparsity.node_of_slot.size());
   all.bytes +=
@@ -109,7 +108,7 @@ struct RotationCase {
   AlignedVector<Real> lanes, matrices;
   std::vector<double> start;
 
-  explicit RotationCase(const BenchBody& body) {
+  explicit RotationCase(const PressedBody& body) {
     std::mt19937_64 random(7);
     const std::size_t count = body.mesh.tets.size() / 16 * 16;
     lanes.resize(9 * count);
@@ -143,7 +142,7 @@ struct RotationCase {
 };
 
 template <class Real>
-void rotations(benchmark::State& state, const BenchBody& body) {
+void rotations(benchmark::State& state, const PressedBody& body) {
   RotationCase<Real> c(body);
   const auto kernels = bench_kernels<Real>(widest_isa());
   const auto count = static_cast<std::int64_t>(c.gradients.size());
@@ -159,9 +158,9 @@ void rotations(benchmark::State& state, const BenchBody& body) {
 }
 
 template <class Real>
-void assembly(benchmark::State& state, const BenchBody& body, int threads) {
-  BenchCase<Real> c(body, threads);
-  const BenchCase<double> exact(body, 2);
+void assembly(benchmark::State& state, const PressedBody& body, int threads) {
+  BodySystem<Real> c(body, threads);
+  const BodySystem<double> exact(body, 2);
   state.counters["error"] = relative_difference(c.system.values, exact.system.values);
   measure(state, threads, assembly_demand<Real>(body), [&] { c.assemble(); });
 }
@@ -169,11 +168,11 @@ void assembly(benchmark::State& state, const BenchBody& body, int threads) {
 // One part of the assembly.
 enum class Part { elements, forces, rows };
 template <class Real>
-void assembly_part(benchmark::State& state, const BenchBody& body, int threads, Part part) {
-  BenchCase<Real> c(body, threads);
+void assembly_part(benchmark::State& state, const PressedBody& body, int threads, Part part) {
+  BodySystem<Real> c(body, threads);
   measure(state, threads, {}, [&] {
     if (part == Part::elements) {
-      assemble_elements<Real>(body.elements, body.sparsity, bench_step, body.mesh.rest_positions,
+      assemble_elements<Real>(body.elements, body.sparsity, body.step, body.mesh.rest_positions,
                               body.positions, body.velocities, {}, c.rotations, c.system);
     } else if (part == Part::forces) {
       elastic_forces<Real>(body.elements, c.system, c.forces);
@@ -186,7 +185,7 @@ void assembly_part(benchmark::State& state, const BenchBody& body, int threads, 
 // Every thread does `work(first_block, last_block)` `rounds` times, as the solver does; the barrier is part
 // of it.
 template <class Real, class Work>
-void on_blocks(const BenchCase<Real>& c, int threads, int rounds, const Work& work) {
+void on_blocks(const BodySystem<Real>& c, int threads, int rounds, const Work& work) {
   SpinBarrier barrier(threads);
 #pragma omp parallel num_threads(threads)
   {
@@ -201,7 +200,7 @@ void on_blocks(const BenchCase<Real>& c, int threads, int rounds, const Work& wo
 constexpr int rounds = 20;  // products or iterations a call
 
 template <class Real>
-void fill(BenchCase<Real>& c) {
+void fill(BodySystem<Real>& c) {
   for (std::size_t i = 0; i < c.solver.p.size(); ++i) {
     c.solver.p[i] = c.solver.z[i] = static_cast<Real>(1e-3 * static_cast<double>(i % 97));
   }
@@ -210,15 +209,15 @@ void fill(BenchCase<Real>& c) {
 }
 
 template <class Real>
-void multiply_once(BenchCase<Real>& c, Range own) {
+void multiply_once(BodySystem<Real>& c, Range own) {
   c.solver.kernels.multiply(c.matrix(), c.solver.p.data(), c.solver.packed.data(), c.solver.q.data(),
                             c.solver.pq.data(), own.first, own.last);
 }
 
 template <class Real>
-void product(benchmark::State& state, const BenchBody& body, int threads) {
-  BenchCase<Real> c(body, threads);
-  BenchCase<double> exact(body, 1);
+void product(benchmark::State& state, const PressedBody& body, int threads) {
+  BodySystem<Real> c(body, threads);
+  BodySystem<double> exact(body, 1);
   fill(c);
   fill(exact);
   multiply_once(exact, {0, static_cast<std::int64_t>(exact.solver.rz.size())});
@@ -248,8 +247,8 @@ SolverKernels<Real> free_order_kernels() {
 // The three kernels of an iteration with fixed coefficients, and the same with sums in whatever order is
 // quickest: one a thread, in registers. The two take turns within one call, so that a disturbance meets both.
 template <class Real>
-void iteration(benchmark::State& state, const BenchBody& body, int threads) {
-  BenchCase<Real> c(body, threads);
+void iteration(benchmark::State& state, const PressedBody& body, int threads) {
+  BodySystem<Real> c(body, threads);
   fill(c);
   const SolverKernels<Real> fixed = c.solver.kernels, free = free_order_kernels<Real>();
   const RowMatrix<Real> matrix = c.matrix();
@@ -285,15 +284,15 @@ void iteration(benchmark::State& state, const BenchBody& body, int threads) {
 }
 
 template <class Real>
-void solve(benchmark::State& state, const BenchBody& body, int threads) {
-  BenchCase<Real> c(body, threads);
+void solve(benchmark::State& state, const PressedBody& body, int threads) {
+  BodySystem<Real> c(body, threads);
   SolveResult result;
   Demand needed = iteration_demand<Real>(body);
   result = conjugate_gradients(c.matrix(), {}, 1e-3, 0.0, 2000, c.solver);
   needed.bytes *= 1;
   measure(state, threads, needed,
           [&] { result = conjugate_gradients(c.matrix(), {}, 1e-3, 0.0, 2000, c.solver); });
-  BenchCase<double> reference(body, 2);
+  BodySystem<double> reference(body, 2);
   conjugate_gradients(reference.matrix(), {}, 1e-10, 0.0, 5000, reference.solver);
   state.counters["share"] = state.counters["share"] * result.iterations;
   state.counters["iterations"] = result.iterations;
@@ -301,14 +300,14 @@ void solve(benchmark::State& state, const BenchBody& body, int threads) {
 }
 
 template <class Function>
-void add(const std::string& kernel, const BenchBody& body, int threads, const Function& function) {
+void add(const std::string& kernel, const PressedBody& body, int threads, const Function& function) {
   benchmark::RegisterBenchmark((kernel + "/" + body.name + "/" + std::to_string(threads)).c_str(), function)
       ->UseManualTime()
       ->Unit(benchmark::kMicrosecond);
 }
 
 template <class Real>
-void add_kernels(const BenchBody& body, const std::string& precision) {
+void add_kernels(const PressedBody& body, const std::string& precision) {
   add("rotations<" + precision + ">", body, 1, [&](benchmark::State& s) { rotations<Real>(s, body); });
   for (int threads : {1, 2}) {
     add("assembly<" + precision + ">", body, threads,
@@ -330,23 +329,15 @@ void add_kernels(const BenchBody& body, const std::string& precision) {
   }
 }
 
-std::vector<std::unique_ptr<BenchBody>> make_bodies() {
-  std::vector<std::unique_ptr<BenchBody>> bodies;
-  for (const auto& [nx, ny, nz] :
-       {Index3{10, 10, 11}, Index3{12, 14, 17}, Index3{14, 14, 20}, Index3{24, 24, 24}, Index3{27, 59, 10}}) {
-    bodies.push_back(std::make_unique<BenchBody>(
-        make_bench_body("cubes_" + std::to_string(5 * nx * ny * nz), box_mesh(nx, ny, nz, 0.005))));
-  }
-  for (const char* size : {"15", "10", "5"}) {
-    try {
-      const Scenario scenario = load_scenario(SULCUS_SOURCE_DIR "/scenarios/brain_sylvian_retraction.json",
-                                              {std::string("/mesh/size_mm=") + size});
-      const SceneDescription& scene = scenario.scene;
-      bodies.push_back(std::make_unique<BenchBody>(
-          make_bench_body(std::string("brain_") + size + "mm",
-                          build_embedding(load_label_map(scenario), scene.pairs, scene.embedding))));
-    } catch (const InputError& error) {
-      std::fprintf(stderr, "without the brain at %s mm: %s\n", size, error.what());
+std::vector<std::unique_ptr<PressedBody>> make_bodies() {
+  std::vector<std::unique_ptr<PressedBody>> bodies;
+  for (const char* name : {"cubes_10x10x11", "cubes_12x14x17", "cubes_14x14x20", "cubes_24x24x24",
+                           "cubes_27x59x10", "jhu189_15mm", "jhu189_10mm", "jhu189_5mm"}) {
+    auto made = bench_mesh(name);
+    if (made) {
+      bodies.push_back(std::make_unique<PressedBody>(make_body(name, std::move(made->mesh))));
+    } else {
+      std::fprintf(stderr, "without %s: its image is absent\n", name);
     }
   }
   return bodies;

@@ -6,6 +6,7 @@
 #include "engine/numerics/error.h"
 #include "hw_phantom/hdapi.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/session.h"
 #include "tools/sulcus/session_devices.h"
 
 namespace sulcus {
@@ -53,11 +54,13 @@ int device_command(const DeviceOptions& options) {
   }
   if (options.check != "phantom") throw InputError("give --list, or --check phantom");
   std::fprintf(stderr, "looking at the device for %g s, with its motors off\n", options.watch_s);
+  const InterruptGuard interrupts;  // also then the device is left in order
   bool good = true;
   for (const Finding& finding : diagnose_phantom(phantom_settings(options.phantom), options.watch_s)) {
     std::printf("%-4s  %s\n", finding.good ? "ok" : "FAIL", finding.text.c_str());
     good = good && finding.good;
   }
+  if (InterruptGuard::interrupted()) throw EnvironmentError("device: interrupted");
   return good ? 0 : 1;
 }
 

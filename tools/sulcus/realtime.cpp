@@ -15,6 +15,12 @@
 namespace sulcus {
 
 bool schedule_realtime(int priority) {
+  int policy = SCHED_OTHER;
+  sched_param present{};
+  const bool higher_already = pthread_getschedparam(pthread_self(), &policy, &present) == 0 &&
+                              (policy == SCHED_FIFO || policy == SCHED_RR) &&
+                              present.sched_priority >= priority;
+  if (higher_already) return true;  // a driver's own choice
   sched_param parameter{};
   parameter.sched_priority = priority;
   return pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter) == 0;

@@ -7,7 +7,7 @@ namespace sulcus {
 
 inline constexpr int servo_priority = 80;  // of SCHED_FIFO, above everything that is not the system's
 
-// For the calling thread. False: not permitted.
+// For the calling thread, unless it has this or more already. False: not permitted.
 bool schedule_realtime(int priority);
 
 // Keeps all memory of the process in place, now and later. Only where no limit could make a later allocation

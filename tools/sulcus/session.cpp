@@ -121,6 +121,7 @@ int session_command(const SessionOptions& options) {
   SessionOutcome outcome;
   const fs::path log_path = out / "run.h5.log";
   {
+    std::unique_ptr<SessionLog> recorder;  // outlives the servos, which write into it
     ClosingHands armed;
     for (std::size_t tool = 0; tool < devices.size(); ++tool) {
       ServoSettings settings;
@@ -133,7 +134,8 @@ int session_command(const SessionOptions& options) {
     std::vector<DeviceSample> samples = take_hands(scenario, devices, armed.hands, placements);
     State state = initial_state(scene, samples);
     const RunHeader header = session_header(options, scenario, scene, armed.hands, threads);
-    SessionLog log(log_path, header, state);
+    recorder = std::make_unique<SessionLog>(log_path, header, state);
+    SessionLog& log = *recorder;
     for (const std::string& warning : warnings) log.push_warning(warning);
     for (const auto& [name, value] : topology_numbers(scene)) log.push_number(name, value);
     const std::string no_memory = options.realtime ? lock_memory() : "";
@@ -169,7 +171,9 @@ int session_command(const SessionOptions& options) {
     if (outcome.end != SessionEnd::recorder) log.push_state(state);
     log.finish();
   }
+  std::fprintf(stderr, "%s: the session ended: %s\n", scenario.name.c_str(), end_text(outcome.end));
   record_log(log_path, out, scenario, scene, threads);
+  if (outcome.end == SessionEnd::not_finite) return 1;
   if (outcome.end != SessionEnd::device_fault && outcome.end != SessionEnd::recorder) return 0;
   throw EnvironmentError("session: " + std::string(end_text(outcome.end)) + " after " +
                          std::to_string(outcome.steps) + " steps; what came before is recorded in " +

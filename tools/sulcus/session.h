@@ -43,8 +43,8 @@ SessionOutcome run_session(const Scene& scene, const SessionPlan& plan,
                            const std::vector<std::unique_ptr<Hand>>& hands, const RunHeader& header,
                            std::vector<DeviceSample> samples, State& state, SessionLog& log);
 
-// While it lives, SIGINT and SIGTERM end the session: all forces stop at once, and interrupted() is true. A
-// second one takes its usual course.
+// While it lives, SIGINT, SIGTERM and SIGHUP end the session: all forces stop at once, and interrupted() is
+// true. A second one takes its usual course. A signal that was ignored from outside (nohup) stays so.
 class InterruptGuard {
  public:
   InterruptGuard();

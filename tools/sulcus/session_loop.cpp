@@ -12,6 +12,8 @@ namespace {
 
 volatile std::sig_atomic_t interrupt_came = 0;
 
+constexpr int interrupts[] = {SIGINT, SIGTERM, SIGHUP};
+
 extern "C" void interrupt(int) {
   stop_all_forces();
   interrupt_came = 1;
@@ -98,13 +100,19 @@ InterruptGuard::InterruptGuard() {
   action.sa_handler = interrupt;
   action.sa_flags = SA_RESETHAND;
   sigemptyset(&action.sa_mask);
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
+  for (const int number : interrupts) {
+    struct sigaction present {};
+    sigaction(number, nullptr, &present);
+    if (present.sa_handler != SIG_IGN) sigaction(number, &action, nullptr);
+  }
 }
 
 InterruptGuard::~InterruptGuard() {
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
+  for (const int number : interrupts) {
+    struct sigaction present {};
+    sigaction(number, nullptr, &present);
+    if (present.sa_handler == interrupt) std::signal(number, SIG_DFL);
+  }
 }
 
 bool InterruptGuard::interrupted() {
