@@ -32,6 +32,7 @@ struct RunHeader {
   std::vector<std::string> tool_names;      // [tools]
   std::vector<std::string> motion_names;    // [motions]; with fractures, says which series there are
   std::vector<std::string> obstacle_names;  // [obstacles]
+  bool ledger = false;                      // whether there are series energy/..., likewise
   bool fractures = false;                   // not read back: a series fracture/... tells
   std::vector<double> rest_positions;       // [3*nodes], m
   std::vector<std::int32_t> tets;           // [4*tets]
@@ -56,6 +57,7 @@ RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; th
 //             coupling_force_N [3]  coupling_torque_N_m [3] displayed_force_N [3]  displayed_torque_N_m [3]
 //             max_penetration_m  contacts  dropped_contacts  min_push_N
 //             position_m [3]  orientation [4]  linear_momentum_kg_m_s [3]  angular_momentum_kg_m2_s [3]
+//   energy/<field of EnergyBalance>        scenes with a ledger
 //   obstacles/<i>/contact_force_N [3]  max_penetration_m  contacts  dropped_contacts
 //   device/<i>/<field of DeviceSample>   sequence  time_s  interval_s  position_m [3]  orientation [4]
 //             linear_velocity_m_s [3]  angular_velocity_rad_s [3]  linear_velocity_valid

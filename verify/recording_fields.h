@@ -140,6 +140,24 @@ void for_each_step_series(const StepReport& report, const State& state,
     number("fracture/margin", "", report.fracture->margin);
     number("fracture/lost_volume_m3", "m^3", report.fracture->lost_volume_m3);
   }
+  if (report.energy) {
+    const EnergyBalance& energy = report.energy->balance;
+    number("energy/hand_J", "J", energy.hand_J);
+    number("energy/gravity_J", "J", energy.gravity_J);
+    number("energy/paths_J", "J", energy.paths_J);
+    number("energy/put_in_J", "J", energy.put_in_J);
+    number("energy/kinetic_J", "J", energy.kinetic_J);
+    number("energy/elastic_J", "J", energy.elastic_J);
+    number("energy/tool_kinetic_J", "J", energy.tool_kinetic_J);
+    number("energy/coupling_J", "J", energy.coupling_J);
+    number("energy/contact_J", "J", energy.contact_J);
+    number("energy/damping_loss_J", "J", energy.damping_loss_J);
+    number("energy/coupling_loss_J", "J", energy.coupling_loss_J);
+    number("energy/contact_loss_J", "J", energy.contact_loss_J);
+    number("energy/integration_loss_J", "J", energy.integration_loss_J);
+    number("energy/torn_loss_J", "J", energy.torn_loss_J);
+    number("energy/residual_J", "J", energy.residual_J);
+  }
   for (std::size_t m = 0; m < report.motion_forces.size(); ++m)
     vector("motions/" + std::to_string(m) + "/force_N", "N", report.motion_forces[m]);
   for (std::size_t stage = 0; stage < stage_count; ++stage)

@@ -154,6 +154,7 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     report.motion_forces.resize(header.motion_names.size());
     report.obstacles.resize(header.obstacle_names.size());
     if (header.fractures) report.fracture.emplace();
+    if (header.ledger) report.energy.emplace();
     const std::array<double, stage_count> no_times{};
     for_each_step_series(
         report, initial, header.rest_positions, no_times, 0.0,
@@ -210,6 +211,7 @@ void make_step_row(const RunHeader& header, const StepReport& report, const Stat
   assert(report.motion_forces.size() == header.motion_names.size());
   assert(report.obstacles.size() == header.obstacle_names.size());
   assert(report.fracture.has_value() == header.fractures);
+  assert(report.energy.has_value() == header.ledger);
   row.numbers.clear();
   for_each_step_series(report, state, header.rest_positions, stage_s, total_s,
                        [&](const std::string&, const char*, int components, const double* numbers) {

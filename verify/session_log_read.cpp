@@ -24,6 +24,7 @@ void put_header(const RunHeader& header, Writer& out) {
   out.texts(header.motion_names);
   out.texts(header.obstacle_names);
   out.number(static_cast<std::uint8_t>(header.fractures));
+  out.number(static_cast<std::uint8_t>(header.ledger));
   out.array(std::span<const double>(header.rest_positions));
   out.array(std::span<const std::int32_t>(header.tets));
   out.texts(header.session->devices);
@@ -47,6 +48,7 @@ RunHeader get_header(Reader& in, const std::string& place) {
   header.motion_names = in.texts();
   header.obstacle_names = in.texts();
   header.fractures = in.number<std::uint8_t>() != 0;
+  header.ledger = in.number<std::uint8_t>() != 0;
   header.rest_positions = in.array<double>();
   header.tets = in.array<std::int32_t>();
   header.session.emplace();

@@ -29,6 +29,9 @@ struct ContactLaw {
   // Forces of the start of the step, no derivative in the matrix (thesis 4.6.2, set B): for comparison only,
   // it vibrates where the stiffness of all contacts together is beyond what the step allows.
   bool explicit_forces = false;
+  // Nodes that a tool touches go where it takes them, in place of a penalty (thesis 3.3.3): along the normal
+  // only with a = 0, altogether with a = 1. Stiffness, damping and friction mean nothing then.
+  bool prescribed = false;
 };
 
 struct Contact {

@@ -92,7 +92,8 @@ void block_energies(const ElementData& elements, std::span<const double> positio
 }  // namespace
 
 double elastic_energy(const ElementData& elements, std::span<const double> positions,
-                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads) {
+                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads,
+                      std::span<const double> weights) {
   constexpr std::int64_t lanes = ElementData::lanes;
   const std::int64_t blocks = (elements.count + lanes - 1) / lanes;
   constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
@@ -105,7 +106,9 @@ double elastic_energy(const ElementData& elements, std::span<const double> posit
       double energy[lanes];
       block_energies(elements, positions, rotations, b, energy);
       for (std::int64_t l = 0; l < std::min(lanes, elements.count - b * lanes); ++l) {
-        if (present(alive, b * lanes + l)) sums[b - first] += energy[l];
+        if (!present(alive, b * lanes + l)) continue;
+        sums[b - first] +=
+            weights.empty() ? energy[l] : weights[static_cast<std::size_t>(b * lanes + l)] * energy[l];
       }
     }
     for (double sum : sums) total += sum;

@@ -51,6 +51,9 @@ void check_contact(const std::string& of, const ContactLaw& law) {
   if (!(law.anisotropy >= 0 && law.anisotropy <= 1)) {
     refuse(of + "contact anisotropy", law.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
   }
+  if (law.prescribed && (law.explicit_forces || (law.anisotropy != 0 && law.anisotropy != 1))) {
+    refuse(of + "contact anisotropy of prescribed contact", law.anisotropy, "0 (slides) or 1 (sticks)");
+  }
   check_not_negative((of + "coefficient of friction").c_str(), law.friction);
   check_positive((of + "speed of slip of the friction (m/s)").c_str(), law.friction_speed_m_s);
 }
@@ -58,6 +61,8 @@ void check_contact(const std::string& of, const ContactLaw& law) {
 void check_obstacle(const Obstacle& obstacle) {
   const std::string name = "obstacle \"" + obstacle.name + "\": ";
   check_contact(name, obstacle.contact);
+  if (obstacle.contact.prescribed)
+    throw InputError("scene: " + name + "only tools can lead nodes; give obstacles a penalty");
   if (!obstacle.position.allFinite() || !rotation_matrix(obstacle.orientation).allFinite())
     throw InputError("scene: " + name + "its place is not finite");
   for (const Vec3& vertex : obstacle.surface.vertices) {
@@ -127,6 +132,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   Scene scene;
   scene.settings = std::move(description);
   scene.mesh = std::move(mesh);
+  if (scene.settings.ledger) scene.settings.energies = true;
   const SceneDescription& d = scene.settings;
 
   // materials: number 0 is the default, then the named labels in ascending order

@@ -91,6 +91,7 @@ struct SceneDescription {
   SolverSettings solver;
   double step_s = 0.033;  // s, time step h > 0
   bool energies = true;   // whether the energy of the tissue is reported at each step
+  bool ledger = false;    // whether an energy ledger is kept; asks for energies
 };
 
 struct Scene {

@@ -1,6 +1,7 @@
 #include "engine/scene/system.h"
 
 #include "engine/scene/contact_system.h"
+#include "engine/scene/prescribed_contact.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
@@ -44,6 +45,7 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
                         with_lever(0, 0) * with_lever(1, 1) - with_lever(0, 1) * with_lever(1, 0) > 0 &&
                         with_lever.determinant() > 0;
 
+  tool.lever = definite ? lever : Mat3(Mat3::Zero());
   tool.matrix.setZero();
   tool.matrix.topLeftCorner<3, 3>() = linear * Mat3::Identity();
   tool.matrix.bottomRightCorner<3, 3>() = definite ? with_lever : angular;
@@ -93,12 +95,6 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
   }
 }
 
-// Place of entry d of a node in a solver vector.
-std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size_t d) {
-  const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)]);
-  return (slot / 16 * 3 + d) * 16 + slot % 16;
-}
-
 // The increments that bring the nodes on paths to where they shall be at the end of the step.
 template <class Real>
 void prescribe(const Scene& scene, const State& state, SolverWorkspace<Real>& solver) {
@@ -128,12 +124,18 @@ void guess_last_solution(SolverWorkspace<Real>& solver) {
 
 // What holds the nodes on their paths: the residual there.
 template <class Real>
-void sum_motion_forces(const Scene& scene, const SolverWorkspace<Real>& solver, Workspace& workspace) {
+void sum_motion_forces(const Scene& scene, const State& state, const SolverWorkspace<Real>& solver,
+                       Workspace& workspace) {
+  workspace.path_work_J = 0;
   for (std::size_t m = 0; m < scene.settings.motions.size(); ++m) {
     Vec3 impulse = Vec3::Zero();
     for (std::int32_t node : scene.settings.motions[m].nodes) {
       for (std::size_t d = 0; d < 3; ++d) {
-        impulse[static_cast<Eigen::Index>(d)] -= static_cast<double>(solver.r[solver_entry(scene, node, d)]);
+        const std::size_t entry = solver_entry(scene, node, d);
+        const double held = static_cast<double>(solver.r[entry]);
+        impulse[static_cast<Eigen::Index>(d)] -= held;
+        workspace.path_work_J -= held * (state.velocities[3 * static_cast<std::size_t>(node) + d] +
+                                         static_cast<double>(solver.x[entry]));
       }
     }
     workspace.motion_forces[m] = impulse / scene.settings.step_s;
@@ -184,7 +186,7 @@ SolveResult solve(const Scene& scene, const State& state, double tolerance, doub
   const double floor = floor_m_s * std::sqrt(scene.total_mass_kg);
   const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
                                                  scene.settings.solver.max_iterations, solver);
-  sum_motion_forces(scene, solver, workspace);
+  sum_motion_forces(scene, state, solver, workspace);
 
 #pragma omp parallel for num_threads(workspace.threads) schedule(static)
   for (std::int64_t slot = 0; slot < slots; ++slot) {
@@ -231,7 +233,8 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
     numbers->saved_terms.reserve(36 * contacts);
     numbers->saved_forces.reserve(12 * contacts);
   }
-  if (!scene.settings.motions.empty()) numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
+  if (!scene.settings.motions.empty() || scene.settings.contact.prescribed)
+    numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
   numbers->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
     const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
@@ -290,8 +293,13 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   finish_rows<Real>(scene.sparsity, scene.fracture ? workspace.view.free_node : scene.free_node,
                     numbers.system);
   if (!scene.keeps.empty()) keep_in_planes(scene, numbers.system);
+  if (scene.settings.contact.prescribed) {
+    std::fill(numbers.solver.prescribed.begin(), numbers.solver.prescribed.end(), Real(0));
+    impose_led(scene, state, numbers, workspace);
+  }
   if (observer != nullptr) observer->stage_done(Stage::assembly);
   const SolveResult result = solve(scene, state, tolerance, floor_m_s, numbers, workspace);
+  if (scene.settings.contact.prescribed) read_led_forces(scene, numbers, workspace);
   if (observer != nullptr) observer->stage_done(Stage::solve);
   return result;
 }

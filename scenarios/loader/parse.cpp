@@ -427,6 +427,7 @@ Scenario parse_scenario(const json& document, const std::string& place,
   if (document.contains("fracture")) read_fracture(document["fracture"], scenario, problems);
   read_solver(part(document, "solver"), scenario);
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);
+  read(part(document, "record"), "energy_ledger", scenario.scene.ledger);
   read_checks(part(document, "checks"), scenario, problems);
   read_pictures(part(document, "pictures"), scenario, problems);
   read_colours(part(document, "label_colours"), scenario, problems);

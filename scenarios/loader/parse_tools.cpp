@@ -78,7 +78,10 @@ void read_law(const json& object, ContactLaw& law) {
   read(object, "tension_rule", law.tension_rule);
   read(object, "friction", law.friction);
   read(object, "friction_speed_m_s", law.friction_speed_m_s);
-  if (object.contains("response")) law.explicit_forces = object["response"] == "explicit_penalty";
+  if (object.contains("response")) {
+    law.explicit_forces = object["response"] == "explicit_penalty";
+    law.prescribed = object["response"] == "prescribed";
+  }
 }
 
 }  // namespace
@@ -172,6 +175,7 @@ void read_obstacles(const json& list, Scenario& scenario, Problems& problems) {
     obstacle.orientation = quaternion_from_rotation_vector(
         axis.normalized() * (object.value("angle_deg", 0.0) * radians_per_degree));
     obstacle.contact = scenario.scene.contact;
+    obstacle.contact.prescribed = false;
     read_law(part(object, "contact"), obstacle.contact);
     scenario.scene.obstacles.push_back(std::move(obstacle));
   }
