@@ -55,7 +55,7 @@ RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; th
 //   on paths) stage/<contacts|assembly|solve|update|fracture>_s  stage/total_s      wall clock, from the
 //   caller tools/<i>/contact_force_N [3]   contact_torque_N_m [3]  tissue_force_N [3]       (i from 0)
 //             coupling_force_N [3]  coupling_torque_N_m [3] displayed_force_N [3]  displayed_torque_N_m [3]
-//             max_penetration_m  contacts  dropped_contacts  min_push_N
+//             max_penetration_m  contacts  dropped_contacts  min_push_N  force_limited  sample_refused
 //             position_m [3]  orientation [4]  linear_momentum_kg_m_s [3]  angular_momentum_kg_m2_s [3]
 //   energy/<field of EnergyBalance>        scenes with a ledger
 //   obstacles/<i>/contact_force_N [3]  max_penetration_m  contacts  dropped_contacts

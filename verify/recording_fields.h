@@ -178,6 +178,8 @@ void for_each_step_series(const StepReport& report, const State& state,
     number(prefix + "contacts", "", tool.contacts);
     number(prefix + "dropped_contacts", "", tool.dropped_contacts);
     number(prefix + "min_push_N", "N", tool.min_push_N);
+    number(prefix + "force_limited", "", tool.force_limited);
+    number(prefix + "sample_refused", "", tool.sample_refused);
     visit(prefix + "position_m", "m", 3, &state.tool_poses[7 * i]);
     visit(prefix + "orientation", "", 4, &state.tool_poses[7 * i + 3]);
     visit(prefix + "linear_momentum_kg_m_s", "kg m/s", 3, &state.tool_momenta[6 * i]);

@@ -40,6 +40,8 @@ void check_tool(const Tool& tool) {
   check_not_negative((name + "rotational coupling damping (N m s/rad)").c_str(),
                      tool.coupling.rotational_damping_N_m_s_rad);
   check_not_negative((name + "output filter (Hz)").c_str(), tool.filter_Hz);
+  check_not_negative((name + "largest force (N)").c_str(), tool.max_force_N);
+  check_not_negative((name + "largest torque (N m)").c_str(), tool.max_torque_N_m);
   for (const Vec3& vertex : tool.surface.vertices) {
     if (!vertex.allFinite()) throw InputError("scene: " + name + "a vertex is not finite");
   }
@@ -48,6 +50,10 @@ void check_tool(const Tool& tool) {
 void check_contact(const std::string& of, const ContactLaw& law) {
   check_not_negative((of + "contact stiffness (N/m)").c_str(), law.stiffness_N_m);
   check_not_negative((of + "contact damping (N s/m)").c_str(), law.damping_N_s_m);
+  constexpr double stiffest_N_m = 1e7;  // tissue of 1e6 Pa and cells of 10 mm has 1e4 N/m at a node
+  if (law.stiffness_N_m > stiffest_N_m)
+    refuse(of + "contact stiffness (N/m)", law.stiffness_N_m,
+           "at most 1e7 N/m: beyond it the step's system has no digits left");
   if (!(law.anisotropy >= 0 && law.anisotropy <= 1)) {
     refuse(of + "contact anisotropy", law.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
   }

@@ -40,6 +40,8 @@ struct Tool {
   RigidBody body;
   VirtualCoupling coupling;
   double filter_Hz = 0;  // Hz, cut-off of the displayed force; 0 = no filter
+  // What its device can give; the displayed force and torque are shortened to it. 0: no limit.
+  double max_force_N = 0, max_torque_N_m = 0;
 };
 
 // A rigid body that stands still. Tissue touches it by the nodes of its mesh's boundary, whatever the

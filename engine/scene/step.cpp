@@ -139,6 +139,14 @@ void put_tool(const RigidBodyState& body, std::size_t t, State& state) {
   }
 }
 
+// Brings a vector to a length if it is longer (and there is such a limit); returns whether it was.
+bool shorten(Vec3& vector, double longest) {
+  const double length = std::sqrt(vector.squaredNorm());
+  if (!(longest > 0) || !(length > longest)) return false;
+  vector *= longest / length;
+  return true;
+}
+
 // The force of the tool on the hand to the device; returns whether the tool's state is finite.
 bool display(const Scene& scene, const RigidBodyState& body, std::size_t t, State& state,
              ToolReport& report) {
@@ -149,6 +157,9 @@ bool display(const Scene& scene, const RigidBodyState& body, std::size_t t, Stat
     report.displayed_force[d] = filtered[d];
     report.displayed_torque[d] = filtered[3 + d];
   }
+  const bool force = shorten(report.displayed_force, scene.settings.tools[t].max_force_N);
+  const bool torque = shorten(report.displayed_torque, scene.settings.tools[t].max_torque_N_m);
+  report.force_limited = force || torque;
   return body.position.allFinite() && body.linear_momentum.allFinite() && body.angular_momentum.allFinite();
 }
 
@@ -217,11 +228,31 @@ void tear_tissue(const Scene& scene, State& state, Workspace& workspace, StepRep
     book_torn(scene, state, workspace, lost_kinetic_J, *report.energy);
 }
 
+// The samples of the step. Where a device has no finite pose, its tool is led by nobody: to where it is.
+void take_samples(const Scene& scene, std::span<const DeviceSample> given, const State& state,
+                  Workspace& workspace, StepReport& report) {
+  workspace.samples.assign(given.begin(), given.end());
+  for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
+    DeviceSample& sample = workspace.samples[t];
+    const Quaternion& q = sample.orientation;
+    sample.linear_velocity_valid = sample.linear_velocity_valid && sample.linear_velocity.allFinite();
+    sample.angular_velocity_valid = sample.angular_velocity_valid && sample.angular_velocity.allFinite();
+    if (sample.position.allFinite() && std::isfinite(q.s + q.x + q.y + q.z)) continue;
+    const RigidBodyState tool = tool_state(state, t);
+    report.tools[t].sample_refused = true;
+    sample.position = tool.position;
+    sample.orientation = tool.orientation;
+    sample.linear_velocity_valid = sample.angular_velocity_valid = false;
+  }
+}
+
 template <class Real>
-void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
+void step_in(const Scene& scene, std::span<const DeviceSample> given, State& state, StepReport& report,
              Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
-  find_contacts(scene, state, workspace);
   for (ToolReport& tool : report.tools) tool = ToolReport{};
+  take_samples(scene, given, state, workspace, report);
+  const std::span<const DeviceSample> samples = workspace.samples;
+  find_contacts(scene, state, workspace);
   for (ObstacleReport& obstacle : report.obstacles) obstacle = ObstacleReport{};
   for (const Contact& contact : workspace.contacts) {
     with_body(report, contact, [&](auto& body) {
@@ -303,6 +334,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   if (scene.fracture)
     workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
   workspace->contacts.reserve(most_contacts(scene));
+  workspace->samples.reserve(scene.settings.tools.size());
   if (!scene.settings.tools.empty()) {
     workspace->row_of_node.assign(nodes, -1);
     workspace->touched.reserve(nodes);

@@ -39,11 +39,13 @@ struct ToolReport {
   Vec3 tissue_force = Vec3::Zero();     // N, of the tool on the tissue, by the law of contact, over its nodes
   Vec3 coupling_force = Vec3::Zero();   // N, of the tool on the hand, before the filter
   Vec3 coupling_torque = Vec3::Zero();  // N m
-  Vec3 displayed_force = Vec3::Zero();  // N, after the filter
+  Vec3 displayed_force = Vec3::Zero();  // N, after the filter and within the device's limits
   Vec3 displayed_torque = Vec3::Zero();
   double max_penetration_m = 0;       // m, of the contacts found at the start of the step
   std::int32_t contacts = 0;          // or led nodes, of contact by prescribed displacement
   std::int32_t dropped_contacts = 0;  // by the tension rule
+  bool force_limited = false;         // whether force or torque was beyond the device's limits
+  bool sample_refused = false;        // the device gave no finite pose: its hand let go for this step
   double min_push_N = 0;              // N, smallest normal force of a kept contact, > 0 pushes
 };
 

@@ -56,11 +56,12 @@ struct Workspace {
   int threads = 1;
   std::unique_ptr<Numbers<float>> single;  // one of the two, as the scene's precision asks
   std::unique_ptr<Numbers<double>> twice;
-  std::vector<double> forces;      // [3*nodes] N
-  std::vector<double> increments;  // [3*nodes] m/s
-  std::vector<Vec3> vertices;      // of one tool, world
-  std::vector<Contact> contacts;   // of all tools, in order
-  std::vector<LedNode> led;        // in scenes with prescribed contact
+  std::vector<double> forces;         // [3*nodes] N
+  std::vector<double> increments;     // [3*nodes] m/s
+  std::vector<Vec3> vertices;         // of one tool, world
+  std::vector<DeviceSample> samples;  // [tools]
+  std::vector<Contact> contacts;      // of all tools, in order
+  std::vector<LedNode> led;           // in scenes with prescribed contact
   ContactSearch search;
   std::vector<ToolSystem> tools;
   std::vector<std::int32_t> touched;      // nodes in contact with one tool, by slot

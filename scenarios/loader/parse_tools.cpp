@@ -144,6 +144,8 @@ void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
     read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
     read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
     read(object, "output_filter_Hz", tool.filter_Hz);
+    read(object["device"], "max_force_N", tool.max_force_N);
+    read(object["device"], "max_torque_N_m", tool.max_torque_N_m);
     scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
                                            static_cast<double>(scenario.steps()) * scenario.scene.step_s,
                                            pointer + "/device/scripted/waypoints", problems));
