@@ -10,6 +10,7 @@
 
 #include "engine/contact/embedded.h"
 #include "engine/fem/test_meshes.h"
+#include "engine/numerics/quaternion.h"
 
 namespace sulcus {
 namespace {

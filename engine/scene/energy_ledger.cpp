@@ -47,7 +47,7 @@ double curvature(const Scene& scene, const State& state, std::span<const double>
     for (std::size_t i = 0; i < state.positions.size(); ++i)
       workspace.places[i] = state.positions[i] - steps * h * state.velocities[i];
     return elastic_energy(scene.elements, workspace.places, state.rotations, present(scene, state),
-                          workspace.threads, weights);
+                          workspace.threads, weights, true);
   };
   ahead_J = energy_back(0);
   return ahead_J + energy_back(2) - 2 * energy_back(1);
@@ -175,7 +175,7 @@ void settle(double elastic_J, EnergyLedger& ledger) {
 
 void book_contacts(const Scene& scene, const State& state, const Workspace& workspace, EnergyLedger& ledger) {
   for (const Contact& contact : workspace.contacts) {
-    ledger.contact_taken_J -=
+    ledger.contact_taken_J +=
         scene.settings.step_s *
         contact_force(scene, state, contact, workspace).dot(contact_rate(scene, state, contact, workspace));
   }
@@ -191,7 +191,7 @@ void book_step(const Scene& scene, std::span<const DeviceSample> samples, const 
 void book_torn(const Scene& scene, const State& state, const Workspace& workspace, double lost_kinetic_J,
                EnergyLedger& ledger) {
   const double left_J = elastic_energy(scene.elements, state.positions, state.rotations,
-                                       present(scene, state), workspace.threads) +
+                                       present(scene, state), workspace.threads, {}, true) +
                         spring_energy(scene, state);
   ledger.sums.torn_loss_J += ledger.frozen_elastic_J - left_J + lost_kinetic_J;
   ledger.frozen_elastic_J = left_J;

@@ -22,8 +22,8 @@ SceneDescription block_on_plate(double step_s = 0.005) {
   d.gravity = {0, 0, -9.81};
   Obstacle plate;
   plate.name = "plate";
-  plate.surface = box_tool({1, 1, 0.1});
-  plate.position = {0.02, 0.02, -0.05};
+  plate.surface = box_tool({4, 4, 0.4});
+  plate.position = {0.02, 0.02, -0.2};
   plate.contact.stiffness_N_m = 100;
   plate.contact.damping_N_s_m = 0.5;
   d.obstacles.push_back(plate);
@@ -78,7 +78,7 @@ TEST(Obstacle, PushesOutTheShortestWayWhateverTheNodesNormal) {
   // a plate on edge beside the block: its upper corner nodes have slanting normals, the force has not
   SceneDescription d = block_on_plate();
   d.gravity.setZero();
-  d.obstacles[0].position = {0.02, 0.02, -0.0499};
+  d.obstacles[0].position = {0.02, 0.02, -0.1999};
   const Scene scene = build(std::move(d));
   Rest r{initial_state(scene, {}), make_report(scene)};
   WorkspacePtr workspace = make_workspace(scene, 1);

@@ -60,7 +60,7 @@ TEST(PrescribedContact, BringsTheTouchedNodesToTheToolAndPushesAsAStiffPenaltyDo
   const Pressing led = run(scene, 90, depth_m);
   const ToolReport& tool = led.reports.back().tools[0];
   ASSERT_TRUE(led.reports.back().finite && led.reports.back().converged);
-  EXPECT_GT(tool.contacts, 8);
+  EXPECT_GE(tool.contacts, 5);
   EXPECT_LT(tool.max_penetration_m, 2.5e-4);  // touch_m, and the distance grid of the tool
   EXPECT_GT(tool.min_push_N, 0);
   EXPECT_LT((tool.contact_force + tool.tissue_force).norm(), 1e-12);
@@ -119,7 +119,7 @@ TEST(PrescribedContact, GivesTheTissueTheMomentumThatTheToolReports) {
       largest = std::fmax(largest, force.norm());
       before = momentum;
     }
-    EXPECT_GT(largest, 0.1);
+    EXPECT_GT(largest, 0.01);
   }
 }
 
@@ -143,7 +143,7 @@ TEST(PrescribedContact, TwoToolsOpenAFissureAndEachFeelsItsSide) {
   d.map = box_map(24, 12, 24, 0.002);
   for (int k = 0; k < 24; ++k) {
     for (int j = 0; j < 12; ++j) {
-      for (int i = 12; i < 24; ++i) d.map.labels[d.map.index(i, j, k)] = k < 6 ? 1 : 2;
+      for (int i = 0; i < 24; ++i) d.map.labels[d.map.index(i, j, k)] = k < 6 ? 3 : i < 12 ? 1 : 2;
     }
   }
   d.pairs = make_separation_pairs({{1, 2}});
