@@ -140,6 +140,24 @@ void for_each_step_series(const StepReport& report, const State& state,
     number("fracture/margin", "", report.fracture->margin);
     number("fracture/lost_volume_m3", "m^3", report.fracture->lost_volume_m3);
   }
+  if (report.energy) {
+    const EnergyBalance& energy = report.energy->balance;
+    number("energy/hand_J", "J", energy.hand_J);
+    number("energy/gravity_J", "J", energy.gravity_J);
+    number("energy/paths_J", "J", energy.paths_J);
+    number("energy/put_in_J", "J", energy.put_in_J);
+    number("energy/kinetic_J", "J", energy.kinetic_J);
+    number("energy/elastic_J", "J", energy.elastic_J);
+    number("energy/tool_kinetic_J", "J", energy.tool_kinetic_J);
+    number("energy/coupling_J", "J", energy.coupling_J);
+    number("energy/contact_J", "J", energy.contact_J);
+    number("energy/damping_loss_J", "J", energy.damping_loss_J);
+    number("energy/coupling_loss_J", "J", energy.coupling_loss_J);
+    number("energy/contact_loss_J", "J", energy.contact_loss_J);
+    number("energy/integration_loss_J", "J", energy.integration_loss_J);
+    number("energy/torn_loss_J", "J", energy.torn_loss_J);
+    number("energy/residual_J", "J", energy.residual_J);
+  }
   for (std::size_t m = 0; m < report.motion_forces.size(); ++m)
     vector("motions/" + std::to_string(m) + "/force_N", "N", report.motion_forces[m]);
   for (std::size_t stage = 0; stage < stage_count; ++stage)
@@ -160,10 +178,20 @@ void for_each_step_series(const StepReport& report, const State& state,
     number(prefix + "contacts", "", tool.contacts);
     number(prefix + "dropped_contacts", "", tool.dropped_contacts);
     number(prefix + "min_push_N", "N", tool.min_push_N);
+    number(prefix + "force_limited", "", tool.force_limited);
+    number(prefix + "sample_refused", "", tool.sample_refused);
     visit(prefix + "position_m", "m", 3, &state.tool_poses[7 * i]);
     visit(prefix + "orientation", "", 4, &state.tool_poses[7 * i + 3]);
     visit(prefix + "linear_momentum_kg_m_s", "kg m/s", 3, &state.tool_momenta[6 * i]);
     visit(prefix + "angular_momentum_kg_m2_s", "kg m^2/s", 3, &state.tool_momenta[6 * i + 3]);
+  }
+  for (std::size_t i = 0; i < report.obstacles.size(); ++i) {
+    const ObstacleReport& obstacle = report.obstacles[i];
+    const std::string prefix = "obstacles/" + std::to_string(i) + "/";
+    vector(prefix + "contact_force_N", "N", obstacle.contact_force);
+    number(prefix + "max_penetration_m", "m", obstacle.max_penetration_m);
+    number(prefix + "contacts", "", obstacle.contacts);
+    number(prefix + "dropped_contacts", "", obstacle.dropped_contacts);
   }
 }
 

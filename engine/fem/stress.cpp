@@ -44,7 +44,7 @@ namespace {
 // Elastic energy of a block of 16 elements, one after the other. With the polar rotation R, |S - I|^2 is
 // |F - R|^2 and tr(S - I) is R : F - 3.
 void block_energies(const ElementData& elements, std::span<const double> positions,
-                    std::span<const double> rotations, std::int64_t block, double* energy) {
+                    std::span<const double> rotations, std::int64_t block, bool held, double* energy) {
   constexpr std::int64_t lanes = ElementData::lanes;
   double edges[9][lanes], turn[9][lanes], gradient[9][lanes], strain[lanes] = {}, trace[lanes] = {};
   const std::int32_t* nodes = &elements.nodes[static_cast<std::size_t>(block * 4 * lanes)];
@@ -75,11 +75,22 @@ void block_energies(const ElementData& elements, std::span<const double> positio
     }
   }
   // plain linear elements: R = I is not the polar rotation, and the skew part of F - I is no strain
-  for (std::int64_t l = 0; !elements.linear.empty() && l < lanes; ++l) {
+  for (std::int64_t l = 0; !elements.linear.empty() && !held && l < lanes; ++l) {
     if (!elements.linear[static_cast<std::size_t>(block * lanes + l)]) continue;
     for (int i = 0; i < 3; ++i) {
       for (int j = i + 1; j < 3; ++j) {
         const double skew = gradient[3 * i + j][l] - gradient[3 * j + i][l];
+        strain[l] -= 0.5 * skew * skew;
+      }
+    }
+  }
+  // nor is it strain where the rotation is not the polar one: take the skew part of R^T F away
+  for (int i = 0; held && i < 3; ++i) {
+    for (int j = i + 1; j < 3; ++j) {
+      for (std::int64_t l = 0; l < lanes; ++l) {
+        double skew = 0;
+        for (int k = 0; k < 3; ++k)
+          skew += turn[3 * k + i][l] * gradient[3 * k + j][l] - turn[3 * k + j][l] * gradient[3 * k + i][l];
         strain[l] -= 0.5 * skew * skew;
       }
     }
@@ -92,7 +103,8 @@ void block_energies(const ElementData& elements, std::span<const double> positio
 }  // namespace
 
 double elastic_energy(const ElementData& elements, std::span<const double> positions,
-                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads) {
+                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads,
+                      std::span<const double> weights, bool held) {
   constexpr std::int64_t lanes = ElementData::lanes;
   const std::int64_t blocks = (elements.count + lanes - 1) / lanes;
   constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
@@ -103,9 +115,11 @@ double elastic_energy(const ElementData& elements, std::span<const double> posit
 #pragma omp parallel for num_threads(threads) schedule(static)
     for (std::int64_t b = first; b < last; ++b) {
       double energy[lanes];
-      block_energies(elements, positions, rotations, b, energy);
+      block_energies(elements, positions, rotations, b, held, energy);
       for (std::int64_t l = 0; l < std::min(lanes, elements.count - b * lanes); ++l) {
-        if (present(alive, b * lanes + l)) sums[b - first] += energy[l];
+        if (!present(alive, b * lanes + l)) continue;
+        sums[b - first] +=
+            weights.empty() ? energy[l] : weights[static_cast<std::size_t>(b * lanes + l)] * energy[l];
       }
     }
     for (double sum : sums) total += sum;

@@ -40,7 +40,38 @@ void check_tool(const Tool& tool) {
   check_not_negative((name + "rotational coupling damping (N m s/rad)").c_str(),
                      tool.coupling.rotational_damping_N_m_s_rad);
   check_not_negative((name + "output filter (Hz)").c_str(), tool.filter_Hz);
+  check_not_negative((name + "largest force (N)").c_str(), tool.max_force_N);
+  check_not_negative((name + "largest torque (N m)").c_str(), tool.max_torque_N_m);
   for (const Vec3& vertex : tool.surface.vertices) {
+    if (!vertex.allFinite()) throw InputError("scene: " + name + "a vertex is not finite");
+  }
+}
+
+void check_contact(const std::string& of, const ContactLaw& law) {
+  check_not_negative((of + "contact stiffness (N/m)").c_str(), law.stiffness_N_m);
+  check_not_negative((of + "contact damping (N s/m)").c_str(), law.damping_N_s_m);
+  constexpr double stiffest_N_m = 1e7;  // tissue of 1e6 Pa and cells of 10 mm has 1e4 N/m at a node
+  if (law.stiffness_N_m > stiffest_N_m)
+    refuse(of + "contact stiffness (N/m)", law.stiffness_N_m,
+           "at most 1e7 N/m: beyond it the step's system has no digits left");
+  if (!(law.anisotropy >= 0 && law.anisotropy <= 1)) {
+    refuse(of + "contact anisotropy", law.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
+  }
+  if (law.prescribed && (law.explicit_forces || (law.anisotropy != 0 && law.anisotropy != 1))) {
+    refuse(of + "contact anisotropy of prescribed contact", law.anisotropy, "0 (slides) or 1 (sticks)");
+  }
+  check_not_negative((of + "coefficient of friction").c_str(), law.friction);
+  check_positive((of + "speed of slip of the friction (m/s)").c_str(), law.friction_speed_m_s);
+}
+
+void check_obstacle(const Obstacle& obstacle) {
+  const std::string name = "obstacle \"" + obstacle.name + "\": ";
+  check_contact(name, obstacle.contact);
+  if (obstacle.contact.prescribed)
+    throw InputError("scene: " + name + "only tools can lead nodes; give obstacles a penalty");
+  if (!obstacle.position.allFinite() || !rotation_matrix(obstacle.orientation).allFinite())
+    throw InputError("scene: " + name + "its place is not finite");
+  for (const Vec3& vertex : obstacle.surface.vertices) {
     if (!vertex.allFinite()) throw InputError("scene: " + name + "a vertex is not finite");
   }
 }
@@ -49,15 +80,12 @@ void check(const SceneDescription& d, std::int64_t nodes) {
   check_positive("the time step (s)", d.step_s);
   check_not_negative("Rayleigh alpha (1/s)", d.damping.alpha_1_s);
   check_not_negative("Rayleigh beta (s)", d.damping.beta_s);
-  check_not_negative("contact stiffness (N/m)", d.contact.stiffness_N_m);
-  check_not_negative("contact damping (N s/m)", d.contact.damping_N_s_m);
-  if (!(d.contact.anisotropy >= 0 && d.contact.anisotropy <= 1)) {
-    refuse("contact anisotropy", d.contact.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
-  }
+  check_contact("", d.contact);
   check_positive("the solver's tolerance", d.solver.tolerance);
   check_positive("the solver's iteration cap", d.solver.max_iterations);
   if (!d.gravity.allFinite()) throw InputError("scene: gravity is not finite");
   for (const Tool& tool : d.tools) check_tool(tool);
+  for (const Obstacle& obstacle : d.obstacles) check_obstacle(obstacle);
   const auto check_node = [&](std::int32_t node) {
     if (node < 0 || node >= nodes) refuse("a node number", node, "one below " + std::to_string(nodes));
   };
@@ -144,6 +172,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   Scene scene;
   scene.settings = std::move(description);
   scene.mesh = std::move(mesh);
+  if (scene.settings.ledger) scene.settings.energies = true;
   const SceneDescription& d = scene.settings;
 
   // materials: number 0 is the default, then the named labels in ascending order
@@ -183,14 +212,18 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   }
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
   for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));
+  for (const Obstacle& obstacle : d.obstacles) {
+    scene.obstacle_distances.push_back(
+        build_rigid_distance(obstacle.surface, distance_spacing(obstacle.surface)));
+  }
   if (!d.tools.empty() && d.detection == ContactDetection::surface_nodes) {
-    scene.faces = face_neighbours(scene.mesh.tets);
     for (const Tool& tool : d.tools) {
       scene.tool_distances.push_back(build_rigid_distance(tool.surface, distance_spacing(tool.surface)));
     }
   } else if (!d.tools.empty()) {
     scene.distance = std::make_unique<const DistanceField>(build_distance_field(d.map, d.pairs));
   }
+  if (scene.nodes_touch()) scene.faces = face_neighbours(scene.mesh.tets);
   return scene;
 }
 

@@ -9,7 +9,9 @@
 #include "engine/fem/stress.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
-#include "engine/scene/system.h"
+#include "engine/scene/contact_system.h"
+#include "engine/scene/energy_ledger.h"
+#include "engine/scene/prescribed_contact.h"
 
 namespace sulcus {
 
@@ -21,9 +23,7 @@ namespace {
 
 void find_contacts(const Scene& scene, const State& state, Workspace& workspace) {
   const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
-  if (scene.fracture || (by_nodes && !scene.settings.tools.empty())) {
-    update(scene, state.alive, workspace.view);
-  }
+  if (scene.fracture || scene.nodes_touch()) update(scene, state.alive, workspace.view);
   workspace.contacts.clear();
   for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
     const RigidBodyState tool = tool_state(state, t);
@@ -42,13 +42,35 @@ void find_contacts(const Scene& scene, const State& state, Workspace& workspace)
                            state.positions, {}, static_cast<std::int32_t>(t), workspace.vertices,
                            tool.position, workspace.search, workspace.contacts);
   }
+  for (std::size_t o = 0; o < scene.settings.obstacles.size(); ++o) {
+    RigidBodyState pose;
+    pose.position = scene.settings.obstacles[o].position;
+    pose.orientation = scene.settings.obstacles[o].orientation;
+    find_node_contacts(scene.boundary_mesh(), present(scene, state), workspace.view.boundary, state.positions,
+                       scene.obstacle_distances[o], pose,
+                       static_cast<std::int32_t>(scene.settings.tools.size() + o), workspace.contacts,
+                       WayOut::shortest);
+  }
+  begin_friction(scene, state, workspace);
+}
+
+// Calls visit(the report of the tool or obstacle that a contact is with).
+template <class Visit>
+void with_body(StepReport& report, const Contact& contact, Visit&& visit) {
+  const auto body = static_cast<std::size_t>(contact.tool), tools = report.tools.size();
+  if (body < tools) {
+    visit(report.tools[body]);
+  } else {
+    visit(report.obstacles[body - tools]);
+  }
 }
 
 // Drops the contacts that would pull; returns whether any did.
 bool drop_pulling_contacts(const Scene& scene, const State& state, Workspace& workspace, StepReport& report) {
   const auto pulls = [&](const Contact& contact) {
+    if (!law_of(scene, contact.tool).tension_rule) return false;
     if (!(contact_force(scene, state, contact, workspace).dot(contact.normal) > 0)) return false;
-    ++report.tools[static_cast<std::size_t>(contact.tool)].dropped_contacts;
+    with_body(report, contact, [](auto& body) { ++body.dropped_contacts; });
     return true;
   };
   const auto end = std::remove_if(workspace.contacts.begin(), workspace.contacts.end(), pulls);
@@ -59,8 +81,15 @@ bool drop_pulling_contacts(const Scene& scene, const State& state, Workspace& wo
 
 void report_contacts(const Scene& scene, const State& state, const Workspace& workspace, StepReport& report) {
   for (const Contact& contact : workspace.contacts) {
-    ToolReport& tool = report.tools[static_cast<std::size_t>(contact.tool)];
     const Vec3 force = contact_force(scene, state, contact, workspace);
+    const auto number = static_cast<std::size_t>(contact.tool);
+    if (number >= report.tools.size()) {
+      ObstacleReport& obstacle = report.obstacles[number - report.tools.size()];
+      obstacle.contact_force -= force;
+      ++obstacle.contacts;
+      continue;
+    }
+    ToolReport& tool = report.tools[number];
     tool.contact_torque -= contact.arm.cross(force);
     for (double weight : contact.weights) tool.tissue_force += weight * force;
     const double push = -force.dot(contact.normal);
@@ -100,6 +129,57 @@ bool update_tissue(const Scene& scene, const Workspace& workspace, State& state)
   return finite;
 }
 
+void put_tool(const RigidBodyState& body, std::size_t t, State& state) {
+  const Quaternion& q = body.orientation;
+  const double pose[7] = {body.position[0], body.position[1], body.position[2], q.s, q.x, q.y, q.z};
+  std::copy(pose, pose + 7, &state.tool_poses[7 * t]);
+  for (int d = 0; d < 3; ++d) {
+    state.tool_momenta[6 * t + static_cast<std::size_t>(d)] = body.linear_momentum[d];
+    state.tool_momenta[6 * t + 3 + static_cast<std::size_t>(d)] = body.angular_momentum[d];
+  }
+}
+
+// Brings a vector to a length if it is longer (and there is such a limit); returns whether it was.
+bool shorten(Vec3& vector, double longest) {
+  const double length = std::sqrt(vector.squaredNorm());
+  if (!(longest > 0) || !(length > longest)) return false;
+  vector *= longest / length;
+  return true;
+}
+
+// The force of the tool on the hand to the device; returns whether the tool's state is finite.
+bool display(const Scene& scene, const RigidBodyState& body, std::size_t t, State& state,
+             ToolReport& report) {
+  double* filtered = &state.filtered_forces[6 * t];
+  for (int d = 0; d < 3; ++d) {
+    filtered[d] += scene.filter_alpha[t] * (report.coupling_force[d] - filtered[d]);
+    filtered[3 + d] += scene.filter_alpha[t] * (report.coupling_torque[d] - filtered[3 + d]);
+    report.displayed_force[d] = filtered[d];
+    report.displayed_torque[d] = filtered[3 + d];
+  }
+  const bool force = shorten(report.displayed_force, scene.settings.tools[t].max_force_N);
+  const bool torque = shorten(report.displayed_torque, scene.settings.tools[t].max_torque_N_m);
+  report.force_limited = force || torque;
+  return body.position.allFinite() && body.linear_momentum.allFinite() && body.angular_momentum.allFinite();
+}
+
+// A tool that leads nodes is where its device is; the hand feels all that the nodes do.
+bool lead_tool(const Scene& scene, const DeviceSample& sample, std::size_t t, const Workspace& workspace,
+               State& state, ToolReport& report) {
+  const double h = scene.settings.step_s;
+  const ToolSystem& tool = workspace.tools[t];
+  RigidBodyState end;
+  end.position = sample.position;
+  end.orientation = normalised(sample.orientation);
+  end.linear_momentum = scene.settings.tools[t].body.mass_kg / h * (end.position - tool.start.position);
+  end.angular_momentum = tool.inertia * misalignment(end.orientation, tool.start.orientation) / h;
+  put_tool(end, t, state);
+  report.contact_force = -report.tissue_force;
+  report.coupling_force = report.contact_force;
+  report.coupling_torque = report.contact_torque;
+  return display(scene, end, t, state, report);
+}
+
 bool update_tool(const Scene& scene, const DeviceSample& sample, std::size_t t, const Workspace& workspace,
                  State& state, ToolReport& report) {
   const double h = scene.settings.step_s;
@@ -114,12 +194,8 @@ bool update_tool(const Scene& scene, const DeviceSample& sample, std::size_t t, 
   const Vec3 linear_momentum = scene.settings.tools[t].body.mass_kg * linear;
   const Vec3 angular_momentum = tool.inertia * angular;
 
-  double* pose = &state.tool_poses[7 * t];
-  double* momentum = &state.tool_momenta[6 * t];
-  double* filtered = &state.filtered_forces[6 * t];
-  const double numbers[7] = {position[0],   position[1],   position[2],  orientation.s,
-                             orientation.x, orientation.y, orientation.z};
-  std::copy(numbers, numbers + 7, pose);
+  const RigidBodyState end{position, orientation, linear_momentum, angular_momentum};
+  put_tool(end, t, state);
   const Vec3 hand_velocity = sample.linear_velocity_valid ? sample.linear_velocity : Vec3(Vec3::Zero());
   const Vec3 hand_rotation = sample.angular_velocity_valid ? sample.angular_velocity : Vec3(Vec3::Zero());
   report.coupling_force = -(coupling.stiffness_N_m * (sample.position - position) +
@@ -131,18 +207,7 @@ bool update_tool(const Scene& scene, const DeviceSample& sample, std::size_t t, 
   if (report.contacts > 0) {
     report.contact_force = (linear_momentum - tool.start.linear_momentum) / h + report.coupling_force;
   }
-  bool finite = true;
-  for (int d = 0; d < 3; ++d) {
-    momentum[d] = linear_momentum[d];
-    momentum[3 + d] = angular_momentum[d];
-    filtered[d] += scene.filter_alpha[t] * (report.coupling_force[d] - filtered[d]);
-    filtered[3 + d] += scene.filter_alpha[t] * (report.coupling_torque[d] - filtered[3 + d]);
-    report.displayed_force[d] = filtered[d];
-    report.displayed_torque[d] = filtered[3 + d];
-    finite =
-        finite && std::isfinite(position[d]) && std::isfinite(momentum[d]) && std::isfinite(momentum[3 + d]);
-  }
-  return finite;
+  return display(scene, end, t, state, report);
 }
 
 // Removes what tears. Nodes that no element holds any more stay where they are.
@@ -150,35 +215,67 @@ void tear_tissue(const Scene& scene, State& state, Workspace& workspace, StepRep
   report.fracture =
       tear(scene.elements, *scene.fracture, *scene.settings.fracture, scene.stars(),
            scene.mesh.rest_positions, state.positions, state.alive, state.steps_above, workspace.fracture);
+  double lost_kinetic_J = 0;
   for (std::int32_t element : workspace.fracture.removed) {
     for (std::int32_t node : scene.mesh.tets[static_cast<std::size_t>(element)]) {
       if (!is_orphan(scene, state.alive, node)) continue;
       const auto n = static_cast<std::size_t>(node);
+      lost_kinetic_J += 0.5 * scene.elements.node_mass[n] * node_vector(state.velocities, node).squaredNorm();
       for (std::size_t d = 0; d < 3; ++d) state.velocities[3 * n + d] = 0;
     }
+  }
+  if (report.energy && !workspace.fracture.removed.empty())
+    book_torn(scene, state, workspace, lost_kinetic_J, *report.energy);
+}
+
+// The samples of the step. Where a device has no finite pose, its tool is led by nobody: to where it is.
+void take_samples(const Scene& scene, std::span<const DeviceSample> given, const State& state,
+                  Workspace& workspace, StepReport& report) {
+  workspace.samples.assign(given.begin(), given.end());
+  for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
+    DeviceSample& sample = workspace.samples[t];
+    const Quaternion& q = sample.orientation;
+    sample.linear_velocity_valid = sample.linear_velocity_valid && sample.linear_velocity.allFinite();
+    sample.angular_velocity_valid = sample.angular_velocity_valid && sample.angular_velocity.allFinite();
+    if (sample.position.allFinite() && std::isfinite(q.s + q.x + q.y + q.z)) continue;
+    const RigidBodyState tool = tool_state(state, t);
+    report.tools[t].sample_refused = true;
+    sample.position = tool.position;
+    sample.orientation = tool.orientation;
+    sample.linear_velocity_valid = sample.angular_velocity_valid = false;
   }
 }
 
 template <class Real>
-void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& state, StepReport& report,
+void step_in(const Scene& scene, std::span<const DeviceSample> given, State& state, StepReport& report,
              Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
-  find_contacts(scene, state, workspace);
   for (ToolReport& tool : report.tools) tool = ToolReport{};
+  take_samples(scene, given, state, workspace, report);
+  const std::span<const DeviceSample> samples = workspace.samples;
+  find_contacts(scene, state, workspace);
+  for (ObstacleReport& obstacle : report.obstacles) obstacle = ObstacleReport{};
   for (const Contact& contact : workspace.contacts) {
-    double& depth = report.tools[static_cast<std::size_t>(contact.tool)].max_penetration_m;
-    depth = std::fmax(depth, contact.depth_m);
+    with_body(report, contact, [&](auto& body) {
+      body.max_penetration_m = std::fmax(body.max_penetration_m, contact.depth_m);
+    });
   }
+  if (report.energy) open_step(scene, state, workspace, *report.energy);
+  const bool leads = scene.settings.contact.prescribed;
+  if (leads) lead_nodes(scene, samples, state, workspace);
   if (observer != nullptr) observer->stage_done(Stage::contacts);
 
   const SolverSettings& settings = scene.settings.solver;
   SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer,
                                           settings.tolerance, settings.velocity_floor_m_s);
   report.iterations = result.iterations;
+  const auto must_solve_again = [&] {
+    const bool released = leads && release_led(scene, workspace, report);
+    const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;
+    return correct_friction(scene, state, workspace) || dropped;
+  };
   constexpr int most_solves_again =
       4;  // what still pulls then is smaller by orders: the report's min_push tells
-  for (int again = 0; again < most_solves_again && scene.settings.contact.tension_rule &&
-                      drop_pulling_contacts(scene, state, workspace, report);
-       ++again) {
+  for (int again = 0; again < most_solves_again && scene.solves_again() && must_solve_again(); ++again) {
     result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
                                 settings.velocity_floor_m_s, true);
     report.iterations += result.iterations;
@@ -187,12 +284,20 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
   report.converged = result.converged;
 
   report_contacts(scene, state, workspace, report);
+  if (leads) report_led(workspace, report);
   if (scene.settings.energies) report_elastic_energy(scene, state, workspace.threads, report);
+  if (report.energy) {
+    settle(report.elastic_energy_J, *report.energy);
+    book_contacts(scene, state, workspace, *report.energy);
+  }
   report.finite = update_tissue(scene, workspace, state) && !result.broken;
   if (scene.settings.energies) report_kinetic_energy(scene, state, report);
   for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
-    report.finite = update_tool(scene, samples[t], t, workspace, state, report.tools[t]) && report.finite;
+    const bool finite = leads ? lead_tool(scene, samples[t], t, workspace, state, report.tools[t])
+                              : update_tool(scene, samples[t], t, workspace, state, report.tools[t]);
+    report.finite = finite && report.finite;
   }
+  if (report.energy) book_step(scene, samples, state, workspace, report, *report.energy);
   report.step = state.step;
   ++state.step;
   report.time_s = static_cast<double>(state.step) * scene.settings.step_s;
@@ -228,21 +333,17 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   workspace->motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
   if (scene.fracture)
     workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
-  if (scene.settings.detection == ContactDetection::surface_nodes && !scene.settings.tools.empty()) {
-    workspace->row_of_node.assign(nodes, -1);
-    workspace->touched.reserve(nodes);
-    workspace->contacts.reserve(nodes * scene.settings.tools.size());
-    return workspace;
-  }
-  std::size_t vertices = 0, most = 0;
-  for (const Tool& tool : scene.settings.tools) {
-    vertices += tool.surface.vertices.size();
-    most = std::max(most, tool.surface.vertices.size());
-  }
+  workspace->contacts.reserve(most_contacts(scene));
+  workspace->samples.reserve(scene.settings.tools.size());
   if (!scene.settings.tools.empty()) {
     workspace->row_of_node.assign(nodes, -1);
-    workspace->touched.reserve(4 * most);
-    workspace->contacts.reserve(vertices);
+    workspace->touched.reserve(nodes);
+  }
+  if (scene.settings.contact.prescribed) workspace->led.reserve(nodes);
+  if (scene.settings.ledger) workspace->places.assign(3 * nodes, 0.0);
+  if (scene.distance) {
+    std::size_t most = 0;
+    for (const Tool& tool : scene.settings.tools) most = std::max(most, tool.surface.vertices.size());
     workspace->vertices.reserve(most);
     workspace->search.found.reserve(most);
     workspace->search.candidates.reserve(scene.mesh.tets.size());
@@ -255,8 +356,13 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
 StepReport make_report(const Scene& scene) {
   StepReport report;
   report.tools.resize(scene.settings.tools.size());
+  report.obstacles.resize(scene.settings.obstacles.size());
   report.motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
   if (scene.fracture) report.fracture.emplace();
+  if (scene.settings.ledger) {
+    report.energy.emplace();
+    report.energy->hands.resize(scene.settings.tools.size());
+  }
   return report;
 }
 
@@ -276,6 +382,7 @@ double measure_solver_error(const Scene& scene, std::span<const DeviceSample> sa
   State copy = state;
   WorkspacePtr workspace = make_workspace(scene, threads);
   find_contacts(scene, copy, *workspace);
+  if (scene.settings.contact.prescribed) lead_nodes(scene, samples, copy, *workspace);
   // the scene's own solve
   const SolverSettings& settings = scene.settings.solver;
   if (workspace->single) {

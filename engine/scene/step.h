@@ -33,17 +33,52 @@ struct StageObserver {
 };
 
 struct ToolReport {
-  Vec3 contact_force = Vec3::Zero();    // N, of the tissue on the tool, by the tool's balance of momentum
+  // N, of the tissue on the tool: by the tool's balance of momentum, or the sum of the led nodes' reactions
+  Vec3 contact_force = Vec3::Zero();
   Vec3 contact_torque = Vec3::Zero();   // N m, about the centre of mass
   Vec3 tissue_force = Vec3::Zero();     // N, of the tool on the tissue, by the law of contact, over its nodes
   Vec3 coupling_force = Vec3::Zero();   // N, of the tool on the hand, before the filter
   Vec3 coupling_torque = Vec3::Zero();  // N m
-  Vec3 displayed_force = Vec3::Zero();  // N, after the filter
+  Vec3 displayed_force = Vec3::Zero();  // N, after the filter and within the device's limits
   Vec3 displayed_torque = Vec3::Zero();
-  double max_penetration_m = 0;  // m, of the contacts found at the start of the step
+  double max_penetration_m = 0;       // m, of the contacts found at the start of the step
+  std::int32_t contacts = 0;          // or led nodes, of contact by prescribed displacement
+  std::int32_t dropped_contacts = 0;  // by the tension rule
+  bool force_limited = false;         // whether force or torque was beyond the device's limits
+  bool sample_refused = false;        // the device gave no finite pose: its hand let go for this step
+  double min_push_N = 0;              // N, smallest normal force of a kept contact, > 0 pushes
+};
+
+struct ObstacleReport {
+  Vec3 contact_force = Vec3::Zero();  // N, of the tissue on the obstacle, by the law of contact
+  double max_penetration_m = 0;       // m, of the contacts found at the start of the step
   std::int32_t contacts = 0;
   std::int32_t dropped_contacts = 0;  // by the tension rule
-  double min_push_N = 0;              // N, smallest normal force of a kept contact, > 0 pushes
+};
+
+// Where the energy of a run is and went, J. What is stored is that of a moment; the rest are sums over all
+// steps before it.
+struct EnergyBalance {
+  double hand_J = 0, gravity_J = 0, paths_J = 0;  // work of the hands, of gravity, of nodes on paths
+  double put_in_J = 0;                            // the positive ones of these works, step by step
+  double kinetic_J = 0, elastic_J = 0;            // stored in the tissue, incl. springs
+  double tool_kinetic_J = 0, coupling_J = 0;      // stored in the tools and in their couplings' springs
+  double contact_J = 0;                           // stored in the penalty springs
+  double damping_loss_J = 0;                      // Rayleigh damping and that of the boundary's springs
+  double coupling_loss_J = 0;                     // damping of the couplings
+  double contact_loss_J = 0;      // damping and friction of contacts, their making and breaking
+  double integration_loss_J = 0;  // backward Euler, rotations held over a step
+  double torn_loss_J = 0;         // with removed elements
+  double residual_J = 0;          // put in - change of what is stored - lost: what the solver left over
+};
+
+// In a report that is handed from step to step: sums and what they need. balance: at the start of the step.
+struct EnergyLedger {
+  EnergyBalance balance;
+  EnergyBalance sums;  // with the step's own works
+  bool begun = false;
+  double stored_at_first_J = 0, contact_at_first_J = 0, contact_taken_J = 0, frozen_elastic_J = 0;
+  std::vector<RigidBodyState> hands;  // [tools], the devices at the end of the last step
 };
 
 struct StepReport {
@@ -56,8 +91,11 @@ struct StepReport {
   double kinetic_energy_J = 0;  // J, tissue, at the end of the step (0 unless the scene asks for energies)
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
+  std::vector<ObstacleReport> obstacles;
   std::vector<Vec3> motion_forces;         // [motions] N, that the nodes of the path exert on the tissue
   std::optional<FractureReport> fracture;  // in scenes that fracture
+  // In scenes that ask for it: of all steps since make_report, so the report must go from step to step.
+  std::optional<EnergyLedger> energy;
 };
 
 // Scratch memory of step(): its content never influences a result.

@@ -33,6 +33,7 @@ struct ToolSystem {
   RigidBodyState start;
   Mat3 inertia;          // world, kg m^2
   Vec6 velocity;         // v_com, omega at the start
+  Mat3 lever;            // G, N m/rad; zero where it is left out
   Vec3 misalignment;     // u, rad
   Mat3 stiffness;        // H
   Mat6 matrix;           // C
@@ -40,14 +41,27 @@ struct ToolSystem {
   Vec6 increment;        // solution
 };
 
+// A node that a tool leads (prescribed_contact.h).
+struct LedNode {
+  std::int32_t node = 0, tool = 0;
+  double weight = 0;           // of its contacts, summed
+  Vec3 way = Vec3::Zero();     // m, over the step
+  Vec3 normal = Vec3::Zero();  // unit, out of the tissue
+  Vec3 place = Vec3::Zero();   // m, on the tool, at the start of the step
+  bool slides = false;         // led along the normal only
+  Vec3 force = Vec3::Zero();   // N, of the tool on the node
+};
+
 struct Workspace {
   int threads = 1;
   std::unique_ptr<Numbers<float>> single;  // one of the two, as the scene's precision asks
   std::unique_ptr<Numbers<double>> twice;
-  std::vector<double> forces;      // [3*nodes] N
-  std::vector<double> increments;  // [3*nodes] m/s
-  std::vector<Vec3> vertices;      // of one tool, world
-  std::vector<Contact> contacts;   // of all tools, in order
+  std::vector<double> forces;         // [3*nodes] N
+  std::vector<double> increments;     // [3*nodes] m/s
+  std::vector<Vec3> vertices;         // of one tool, world
+  std::vector<DeviceSample> samples;  // [tools]
+  std::vector<Contact> contacts;      // of all tools, in order
+  std::vector<LedNode> led;           // in scenes with prescribed contact
   ContactSearch search;
   std::vector<ToolSystem> tools;
   std::vector<std::int32_t> touched;      // nodes in contact with one tool, by slot
@@ -55,7 +69,15 @@ struct Workspace {
   AliveView view;                         // of scenes that fracture or touch by nodes
   FractureScratch fracture;               // of scenes that fracture
   std::vector<Vec3> motion_forces;        // [motions] N
+  double path_work_J = 0;                 // of all motions in the step
+  std::vector<double> places;             // [3*nodes] m, of the ledger
 };
+
+// Place of entry d of a node in a solver vector.
+inline std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size_t d) {
+  const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)]);
+  return (slot / 16 * 3 + d) * 16 + slot % 16;
+}
 
 template <class Real>
 std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa);
