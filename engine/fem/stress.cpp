@@ -1,9 +1,13 @@
 #include "engine/fem/stress.h"
 
+#include <omp.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 
+#include "engine/fem/kernels.h"
 #include "engine/fem/rotation.h"
+#include "engine/numerics/team.h"
 
 namespace sulcus {
 namespace {
@@ -39,76 +43,30 @@ Mat3 deformation_gradient(const ElementData& elements, std::span<const Vec3> res
   return f;
 }
 
-namespace {
-
-// Elastic energy of a block of 16 elements, one after the other. With the polar rotation R, |S - I|^2 is
-// |F - R|^2 and tr(S - I) is R : F - 3.
-void block_energies(const ElementData& elements, std::span<const double> positions,
-                    std::span<const double> rotations, std::int64_t block, double* energy) {
-  constexpr std::int64_t lanes = ElementData::lanes;
-  double edges[9][lanes], turn[9][lanes], gradient[9][lanes], strain[lanes] = {}, trace[lanes] = {};
-  const std::int32_t* nodes = &elements.nodes[static_cast<std::size_t>(block * 4 * lanes)];
-  const double* rest = &elements.rest_double[static_cast<std::size_t>(block * 12 * lanes)];
-  for (std::int64_t l = 0; l < lanes; ++l) {
-    const std::int64_t element = std::min(block * lanes + l, elements.count - 1);
-    const double* q = &rotations[static_cast<std::size_t>(4 * element)];
-    const Mat3 r = rotation_matrix({q[0], q[1], q[2], q[3]});
-    const double* x0 = &positions[3 * static_cast<std::size_t>(nodes[l])];
-    for (int a = 1; a < 4; ++a) {
-      const double* x = &positions[3 * static_cast<std::size_t>(nodes[a * lanes + l])];
-      for (int i = 0; i < 3; ++i) {
-        edges[3 * (a - 1) + i][l] = x[i] - x0[i];
-        turn[3 * (a - 1) + i][l] = r(a - 1, i);
-      }
-    }
-  }
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) {
-      for (std::int64_t l = 0; l < lanes; ++l) {
-        const double f = edges[i][l] * rest[j * lanes + l] + edges[3 + i][l] * rest[(3 + j) * lanes + l] +
-                         edges[6 + i][l] * rest[(6 + j) * lanes + l];
-        gradient[3 * i + j][l] = f;
-        const double difference = f - turn[3 * i + j][l];
-        strain[l] += difference * difference;
-        trace[l] += difference * turn[3 * i + j][l];
-      }
-    }
-  }
-  // plain linear elements: R = I is not the polar rotation, and the skew part of F - I is no strain
-  for (std::int64_t l = 0; !elements.linear.empty() && l < lanes; ++l) {
-    if (!elements.linear[static_cast<std::size_t>(block * lanes + l)]) continue;
-    for (int i = 0; i < 3; ++i) {
-      for (int j = i + 1; j < 3; ++j) {
-        const double skew = gradient[3 * i + j][l] - gradient[3 * j + i][l];
-        strain[l] -= 0.5 * skew * skew;
-      }
-    }
-  }
-  for (std::int64_t l = 0; l < lanes; ++l) {
-    energy[l] = rest[10 * lanes + l] * strain[l] + 0.5 * rest[9 * lanes + l] * trace[l] * trace[l];
-  }
-}
-
-}  // namespace
-
 double elastic_energy(const ElementData& elements, std::span<const double> positions,
                       std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads) {
-  constexpr std::int64_t lanes = ElementData::lanes;
-  const std::int64_t blocks = (elements.count + lanes - 1) / lanes;
   constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
+  double sums[batch];
+  EnergyPass pass;
+  pass.count = elements.count;
+  pass.nodes = elements.nodes.data();
+  pass.rest = elements.rest_double.data();
+  pass.positions = positions.data();
+  pass.rotations = rotations.data();
+  pass.alive = alive.empty() ? nullptr : alive.data();
+  pass.linear = elements.linear.empty() ? nullptr : elements.linear.data();
+  const auto kernel = fem_kernels<double>(widest_isa()).energy_pass;
+  const std::int64_t blocks = (elements.count + ElementData::lanes - 1) / ElementData::lanes;
   double total = 0;
   for (std::int64_t first = 0; first < blocks; first += batch) {
-    double sums[batch] = {};
-    const std::int64_t last = std::min(first + batch, blocks);
-#pragma omp parallel for num_threads(threads) schedule(static)
-    for (std::int64_t b = first; b < last; ++b) {
-      double energy[lanes];
-      block_energies(elements, positions, rotations, b, energy);
-      for (std::int64_t l = 0; l < std::min(lanes, elements.count - b * lanes); ++l) {
-        if (present(alive, b * lanes + l)) sums[b - first] += energy[l];
-      }
+    const std::int64_t count = std::min(batch, blocks - first);
+#pragma omp parallel num_threads(threads) firstprivate(pass)
+    {
+      const Range own = share(count, omp_get_thread_num(), threads);
+      pass.sums = sums + own.first;
+      kernel(pass, first + own.first, first + own.last);
     }
-    for (double sum : sums) total += sum;
+    for (std::int64_t b = 0; b < count; ++b) total += sums[b];
   }
   return total;
 }
