@@ -93,6 +93,7 @@ int run_command(const RunOptions& options) {
   const std::int64_t steps = scenario.steps();
   bool torn = false;
   HangingRecord hanging;
+  double precision_error = 0;
   {
     Progress progress(scenario.name + ": steps", steps);
     for (std::int64_t n = 0; n < steps; ++n) {
@@ -100,6 +101,7 @@ int run_command(const RunOptions& options) {
       const int every = scenario.measure_error_every_steps;
       if (every > 0 && n % every == every - 1) {
         writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
+        precision_error = std::fmax(precision_error, measure_precision_error(scene, samples, state, threads));
       }
       clock.start();
       step(scene, samples, state, report, *workspace, &clock);
@@ -128,6 +130,7 @@ int run_command(const RunOptions& options) {
   }
   for (auto& device : devices) device->close();
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  if (precision_error > 0) writer.set_number("single_precision_error", precision_error);
   if (scene.fracture) record_torn(scene, state, hanging, writer);
   writer.finish(state);
 
