@@ -94,6 +94,7 @@ int run_command(const RunOptions& options) {
   bool torn = false;
   HangingRecord hanging;
   double precision_error = 0;
+  std::vector<std::int64_t> last_touch(devices.size(), -1);  // step
   {
     Progress progress(scenario.name + ": steps", steps);
     for (std::int64_t n = 0; n < steps; ++n) {
@@ -107,6 +108,7 @@ int run_command(const RunOptions& options) {
       step(scene, samples, state, report, *workspace, &clock);
       writer.write_step(samples, report, state, clock.seconds(), clock.total());
       for (std::size_t t = 0; t < devices.size(); ++t) {
+        if (report.tools[t].contacts > 0) last_touch[t] = n;
         devices[t]->write(
             {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
       }
@@ -127,6 +129,10 @@ int run_command(const RunOptions& options) {
       if (state.step % scenario.frame_every_steps == 0) writer.write_frame(state, report.time_s);
       progress.at(n + 1);
     }
+  }
+  for (std::size_t t = 0; t < devices.size(); ++t) {
+    if (last_touch[t] >= 0 && last_touch[t] + 1 < steps)
+      writer.add_event(last_touch[t] + 1, scene.settings.tools[t].name + " touches nothing from here on");
   }
   for (auto& device : devices) device->close();
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
