@@ -7,6 +7,7 @@
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
 #include "engine/scene/allocation_count.h"
+#include "engine/scene/precision_error.h"
 #include "engine/scene/test_scenes.h"
 
 namespace sulcus {

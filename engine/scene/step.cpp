@@ -9,6 +9,7 @@
 #include "engine/fem/stress.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
+#include "engine/scene/precision_error.h"
 #include "engine/scene/system.h"
 
 namespace sulcus {

@@ -83,11 +83,6 @@ inline constexpr double resting_increment_m_s = 1e-6;  // m/s a step
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads);
 
-// What single precision costs in the coming step: the same difference, between matrix and Krylov vectors in
-// single precision, solved to 1e-6, and in double, solved to 1e-10. 0 for scenes in double precision. Slow.
-double measure_precision_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
-                               int threads);
-
 // Largest principal stress of each element [tets], Pa (equations.md 2.4); 0 for removed elements.
 std::vector<double> max_principal_stress(const Scene& scene, const State& state);
 

@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "engine/numerics/error.h"
+#include "engine/scene/precision_error.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/servo_replay.h"
 #include "tools/sulcus/support.h"
