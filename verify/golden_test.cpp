@@ -130,6 +130,19 @@ TEST_F(Golden, OtherLengthFails) {
   EXPECT_SAYS(only_failure(), "golden/tools/0/contacts: the lengths differ");
 }
 
+TEST_F(Golden, OtherTornElementsSayHowNearToItsThresholdOneStood) {
+  Series margins{"", 1, std::vector<double>(static_cast<std::size_t>(run_.steps), 0.1)};
+  margins.values[70] = 2e-6;
+  run_.series["fracture/margin"] = margins;
+  EXPECT_TRUE(failures().empty());
+  for (double& alive : run_.series.at("tissue/alive_tets").values) alive -= 1;
+  EXPECT_SAYS(only_failure(), "2e-06 of it away, at step 70: a rounding may have decided");
+  run_.series["fracture/margin"].values[70] = 0.05;
+  EXPECT_SAYS(only_failure(), "0.05 of it away, at step 70: no rounding decides that");
+  run_.series.erase("fracture/margin");  // a run whose tissue cannot tear
+  EXPECT_EQ(only_failure().find("threshold"), std::string::npos);
+}
+
 TEST_F(Golden, TopologyHasToAgreeExactly) {
   run_.numbers["mesh_pieces"] = 2;
   run_.numbers["cut_faces"] = 3;

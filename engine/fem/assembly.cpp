@@ -2,12 +2,35 @@
 
 #include <omp.h>
 
+#include <algorithm>
 #include <cassert>
 
 #include "engine/numerics/float_environment.h"
 #include "engine/numerics/team.h"
 
 namespace sulcus {
+
+ElementTiles find_tiles(const Sparsity& sparsity, std::int64_t elements) {
+  const std::int64_t tiles = (elements + ElementTiles::elements - 1) / ElementTiles::elements;
+  const auto edges = static_cast<std::int64_t>(sparsity.edges.size());
+  const auto tile_of = [&](std::int32_t place) {
+    return sparsity.edge_items[static_cast<std::size_t>(place)] / 16 / ElementTiles::elements;
+  };
+  ElementTiles result;
+  result.ready.assign(static_cast<std::size_t>(tiles + 1), edges);
+  result.begin.assign(static_cast<std::size_t>(tiles + 1), 0);
+  std::int64_t next = 0;  // the tiles below are needed by an edge so far
+  for (std::int64_t e = 0; e < edges; ++e) {
+    const std::int64_t last = tile_of(sparsity.edge_start[static_cast<std::size_t>(e) + 1] - 1);
+    while (next <= last) result.ready[static_cast<std::size_t>(next++)] = e;
+  }
+  next = tiles;  // the tiles above have an edge behind that needs one before them
+  for (std::int64_t e = edges; e-- > 0;) {
+    const std::int64_t first = tile_of(sparsity.edge_start[static_cast<std::size_t>(e)]);
+    while (next > first) result.begin[static_cast<std::size_t>(next--)] = e + 1;
+  }
+  return result;
+}
 
 template <class Real>
 SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa,
@@ -18,13 +41,14 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
   const auto chunks = static_cast<std::size_t>(sparsity.chunks);
   system.node_fields.assign(8 * nodes, Real(0));
   system.records.assign(16 * padded, Real(0));
-  system.forces.assign(16 * padded, Real(0));
+  system.forces.assign(12 * padded + 4, Real(0));
   system.ahead.assign(elements.beta_s.size(), Real(1));
   system.blocks.assign(12 * sparsity.edges.size(), Real(0));
   system.node_terms.assign(16 * nodes, Real(0));
   system.values.assign(9 * sparsity.block.size(), Real(0));
   system.diagonal.assign(9 * 16 * chunks, Real(0));
   system.inverse.assign(9 * 16 * chunks, Real(0));
+  system.tiles = find_tiles(sparsity, elements.count);
   system.kernels = fem_kernels<Real>(isa);
   system.threads = threads;
   return system;
@@ -75,7 +99,10 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   edge_pass.blocks = system.blocks.data();
 
   const std::int64_t blocks = static_cast<std::int64_t>(elements.nodes.size()) / (4 * ElementData::lanes);
-  const auto edges = static_cast<std::int64_t>(sparsity.edges.size());
+  constexpr std::int64_t blocks_a_tile = ElementTiles::elements / ElementData::lanes;
+  const std::int64_t tiles = static_cast<std::int64_t>(system.tiles.ready.size()) - 1;
+  const auto ready = [&](std::int64_t tile) { return system.tiles.ready[static_cast<std::size_t>(tile)]; };
+  const auto begin = [&](std::int64_t tile) { return system.tiles.begin[static_cast<std::size_t>(tile)]; };
   SpinBarrier barrier(system.threads);
 #pragma omp parallel num_threads(system.threads)
   {
@@ -102,11 +129,24 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
       system.ahead[e] = static_cast<Real>((h + elements.beta_s[e]) / ahead);
     }
     barrier.wait();
-    const Range own_blocks = share(blocks, thread, system.threads);
-    system.kernels.element_pass(element_pass, own_blocks.first, own_blocks.last);
+    // tile by tile, and behind them the edges that need no other thread's elements
+    const Range own = share(tiles, thread, system.threads);
+    std::int64_t next = begin(own.first);
+    for (std::int64_t tile = own.first; tile < own.last; ++tile) {
+      system.kernels.element_pass(element_pass, tile * blocks_a_tile,
+                                  std::min((tile + 1) * blocks_a_tile, blocks));
+      if (ready(tile + 1) <= next) continue;
+      system.kernels.edge_pass(edge_pass, next, ready(tile + 1));
+      next = ready(tile + 1);
+    }
     barrier.wait();
-    const Range own_edges = share(edges, thread, system.threads);
-    system.kernels.edge_pass(edge_pass, own_edges.first, own_edges.last);
+    for (int border = 1; border < system.threads; ++border) {  // the edges between two threads' elements
+      const std::int64_t tile = share(tiles, border, system.threads).first;
+      const std::int64_t before = share(tiles, border - 1, system.threads).first;
+      const std::int64_t first = std::max(ready(tile), begin(before));
+      const Range part = share(std::max<std::int64_t>(0, begin(tile) - first), thread, system.threads);
+      system.kernels.edge_pass(edge_pass, first + part.first, first + part.last);
+    }
   }
 }
 

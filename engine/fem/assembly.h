@@ -15,6 +15,14 @@ struct StepCoefficients {
   RayleighDamping damping;  // of elements without their own (ElementData::beta_s, drag_kg_s)
 };
 
+// Elements in tiles of their numbers, so that edges can be summed while their elements are in the cache.
+// Edges below ready[t] need no element of tile t or behind it, those from begin[t] on none before tile t.
+struct ElementTiles {
+  static constexpr std::int64_t elements = 512;  // of a tile
+  std::vector<std::int64_t> ready, begin;        // [tiles+1], ascending
+};
+ElementTiles find_tiles(const Sparsity& sparsity, std::int64_t elements);
+
 // Buffers of one assembly; made once for a scene. Real: float or double.
 template <class Real>
 struct SystemMatrix {
@@ -25,6 +33,7 @@ struct SystemMatrix {
   AlignedVector<Real> blocks;                     // EdgePass::blocks
   AlignedVector<Real> node_terms;                 // RowPass::node_terms
   AlignedVector<Real> values, diagonal, inverse;  // RowPass
+  ElementTiles tiles;
   FemKernels<Real> kernels;
   int threads = 1;
 };

@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -130,7 +131,7 @@ void expect_same_bits_everywhere() {
   const std::uint64_t seed = 16;
   SCOPED_TRACE(seed);
   std::mt19937_64 random(seed);
-  Body body(box_mesh(5, 4, 3, 0.01));
+  Body body(box_mesh(9, 8, 7, 0.01));  // several tiles
   for (double& x : body.positions)
     x += uniform(random, -0.004, 0.004);  // many inverted: the fallback is used
   for (double& v : body.velocities) v = uniform(random, -0.1, 0.1);
@@ -155,6 +156,56 @@ void expect_same_bits_everywhere() {
 TEST(Assembly, GivesTheSameBitsOnEveryInstructionSetAndThreadCount) {
   expect_same_bits_everywhere<float>();
   expect_same_bits_everywhere<double>();
+}
+
+TEST(ElementTiles, SayWhichElementsAnEdgeNeeds) {
+  const std::uint64_t seed = 19;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  EmbeddingMesh mesh = box_mesh(9, 8, 7, 0.01);
+  for (int order = 0; order < 2; ++order) {
+    const Sparsity s = build_sparsity(mesh);
+    const ElementTiles found = find_tiles(s, static_cast<std::int64_t>(mesh.tets.size()));
+    const std::size_t tiles = found.ready.size() - 1;
+    ASSERT_EQ(tiles, (mesh.tets.size() + 511) / 512);
+    ASSERT_EQ(found.begin.size(), tiles + 1);
+    for (std::size_t t = 0; t <= tiles; ++t) {
+      std::int64_t ready = 0,
+                   begin = 0;  // leading edges that need none from t on; one behind the last before t
+      bool leading = true;
+      for (std::size_t e = 0; e < s.edges.size(); ++e) {
+        bool before = false, behind = false;
+        for (auto k = static_cast<std::size_t>(s.edge_start[e]);
+             k < static_cast<std::size_t>(s.edge_start[e + 1]); ++k) {
+          (static_cast<std::size_t>(s.edge_items[k] / 16 / 512) < t ? before : behind) = true;
+        }
+        leading = leading && !behind;
+        ready += leading;
+        if (before) begin = static_cast<std::int64_t>(e) + 1;
+      }
+      EXPECT_EQ(found.ready[t], ready) << t;
+      EXPECT_EQ(found.begin[t], begin) << t;
+    }
+    std::shuffle(mesh.tets.begin(), mesh.tets.end(), random);  // then in no order at all
+  }
+}
+
+TEST(Assembly, OfElementsInNoOrderIsTheSameForEveryThreadCount) {
+  const std::uint64_t seed = 20;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  EmbeddingMesh mesh = box_mesh(9, 8, 7, 0.01);
+  std::shuffle(mesh.tets.begin(), mesh.tets.end(), random);
+  Body body(mesh);
+  for (double& x : body.positions) x += uniform(random, -0.002, 0.002);
+  Body first = body;
+  const auto expected = first.assemble<double>({h, {0.1, 0.05}}, widest_isa(), 1);
+  for (int threads : {2, 3, 8, 16}) {
+    Body other = body;
+    EXPECT_EQ(other.assemble<double>({h, {0.1, 0.05}}, widest_isa(), threads).values, expected.values)
+        << threads;
+  }
+  EXPECT_LT((dense(body, expected) - dense(body, expected).transpose()).cwiseAbs().maxCoeff(), 1e-15);
 }
 
 TEST(Assembly, SinglePrecisionStaysCloseToDouble) {

@@ -1,6 +1,8 @@
 // Compiled once for each instruction set; see CMakeLists.txt.
 #include "engine/fem/kernels.h"
 
+#include <utility>
+
 #include "engine/fem/laws.h"
 #include "engine/numerics/lanes.h"
 
@@ -52,7 +54,7 @@ SULCUS_INLINE void hold_rotations(const std::uint8_t* linear, int count, double*
   }
 }
 
-// Nodal forces P g_a and records h_a = A g_a, lambda, mu: 16 numbers an element each.
+// Nodal forces P g_a, 12 numbers an element, and records h_a = A g_a, lambda, mu, 16 numbers.
 template <class Real>
 SULCUS_INLINE void store_response(const Response<Real>& response, const Lanes<Real>* g, Real* records,
                                   Real* forces) {
@@ -75,9 +77,10 @@ SULCUS_INLINE void store_response(const Response<Real>& response, const Lanes<Re
   const V fourth[4] = {response.lambda, response.mu, zero, zero};
   for (int a = 0; a < 4; ++a) {
     const V* h = record + 3 * a;
-    const V* t = force + 3 * a;
     scatter<Real>(h[0], h[1], h[2], fourth[a], records + 4 * a, 16);
-    scatter<Real>(t[0], t[1], t[2], zero, forces + 4 * a, 16);
+  }
+  for (int k = 0; k < 12; k += 4) {
+    scatter<Real>(force[k], force[k + 1], force[k + 2], force[k + 3], forces + k, 12);
   }
 }
 
@@ -120,7 +123,7 @@ SULCUS_INLINE void answer(const ElementPass<Real>& pass, std::int64_t first, con
     response.lambda *= ahead;
     response.mu *= ahead;
   }
-  store_response<Real>(response, rest.g, pass.records + 16 * first, pass.forces + 16 * first);
+  store_response<Real>(response, rest.g, pass.records + 16 * first, pass.forces + 12 * first);
 }
 
 template <class Real>
@@ -139,70 +142,70 @@ void element_pass(const ElementPass<Real>& pass, std::int64_t first_block, std::
   }
 }
 
-// Rows of a 3x3 block, padded to four, as many in one vector as a register holds.
-template <class Real>
-inline constexpr int wide_rows = lane_count<Real> < 4 ? 1 : lane_count<Real> / 4;
-template <class Real>
-using Wide = typename Vector<Real, 4 * wide_rows<Real>>::Type;
-
-// The four numbers v in every row. By concatenations: gcc takes other widening shuffles through memory.
-template <class Real>
-SULCUS_INLINE Wide<Real> repeat(const Four<Real>& v) {
-  if constexpr (wide_rows<Real> == 1) {
-    return v;
-  } else {
-    const auto two = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7);
-    if constexpr (wide_rows<Real> == 2) {
-      return two;
-    } else {
-      return __builtin_shufflevector(two, two, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    }
-  }
+// Number i all over the vector.
+template <int i, class F>
+SULCUS_INLINE F spread(const F& v) {
+  return __builtin_shufflevector(v, v, i, i, i, i);
 }
 
-// Of a repeated vector: its number i all over row i, for the rows first, first + 1, ...
-template <class Real, int first>
-SULCUS_INLINE Wide<Real> spread(const Wide<Real>& v) {
-  if constexpr (wide_rows<Real> == 1) {
-    return __builtin_shufflevector(v, v, first, first, first, first);
-  } else if constexpr (wide_rows<Real> == 2) {
-    constexpr int a = first, b = first + 5;
-    return __builtin_shufflevector(v, v, a, a, a, a, b, b, b, b);
-  } else {
-    return __builtin_shufflevector(v, v, 0, 0, 0, 0, 5, 5, 5, 5, 10, 10, 10, 10, 15, 15, 15, 15);
+// Four numbers twice.
+template <class Real>
+SULCUS_INLINE typename Vector<Real, 8>::Type load_twice(const Real* from) {
+#if defined(__AVX__)
+  if constexpr (sizeof(Real) == 4) {  // one load; gcc makes a load and a shuffle of the plain version
+    return (typename Vector<Real, 8>::Type)_mm256_broadcast_ps((const __m128*)from);
   }
+#endif
+  const auto v = load<Four<Real>>(from);
+  return __builtin_shufflevector(v, v, 0, 1, 2, 3, 0, 1, 2, 3);
 }
 
 template <class Real>
 void edge_pass(const EdgePass<Real>& pass, std::int64_t first_edge, std::int64_t last_edge) {
   using F = Four<Real>;
-  using W = Wide<Real>;
-  constexpr int parts = wide_rows<Real> == 1 ? 3 : wide_rows<Real> == 2 ? 2 : 1;
+  using T = typename Vector<Real, 8>::Type;
+  constexpr bool paired = lane_count<Real> >= 8;
   for (std::int64_t edge = first_edge; edge < last_edge; ++edge) {
-    W rows[parts] = {};
+    T rows{};  // 0 and 1, if paired
+    F row0{}, row1{}, row2{};
     Real trace = 0;
     for (std::int32_t k = pass.edge_start[edge]; k < pass.edge_start[edge + 1]; ++k) {
       const std::int32_t item = pass.edge_items[k];
       const Real* record = pass.records + (item & ~15);
-      const F ha = load<F>(pass.records + (item & ~3)), hb = load<F>(record + (item & 3) * 4);
-      const W wide_a = repeat<Real>(ha), wide_b = repeat<Real>(hb);
-      const W la = record[3] * wide_a, mb = record[7] * wide_b;
-      rows[0] += spread<Real, 0>(la) * wide_b + spread<Real, 0>(mb) * wide_a;
-      if constexpr (parts == 3) rows[1] += spread<Real, 1>(la) * wide_b + spread<Real, 1>(mb) * wide_a;
-      if constexpr (parts > 1) {
-        rows[parts - 1] += spread<Real, 2>(la) * wide_b + spread<Real, 2>(mb) * wide_a;
+      const Real* at_a = pass.records + (item & ~3);
+      const Real* at_b = record + (item & 3) * 4;
+      F ha, hb, l, m;  // m: mu h_b; l: lambda h_a
+      if constexpr (paired) {
+        const T a = load_twice(at_a), b = load_twice(at_b), l2 = record[3] * a, m2 = record[7] * b;
+        rows += __builtin_shufflevector(l2, l2, 0, 0, 0, 0, 5, 5, 5, 5) * b +
+                __builtin_shufflevector(m2, m2, 0, 0, 0, 0, 5, 5, 5, 5) * a;
+        ha = __builtin_shufflevector(a, a, 0, 1, 2, 3);
+        hb = __builtin_shufflevector(b, b, 0, 1, 2, 3);
+        l = __builtin_shufflevector(l2, l2, 0, 1, 2, 3);
+        m = __builtin_shufflevector(m2, m2, 0, 1, 2, 3);
+      } else {
+        ha = load<F>(at_a);
+        hb = load<F>(at_b);
+        l = record[3] * ha;
+        m = record[7] * hb;
+        row0 += spread<0>(l) * hb + spread<0>(m) * ha;
+        row1 += spread<1>(l) * hb + spread<1>(m) * ha;
       }
-      const F products = ha * (record[7] * hb);
+      row2 += spread<2>(l) * hb + spread<2>(m) * ha;
+      const F products = ha * m;
       trace += products[0] + products[1] + products[2];
     }
-    alignas(64) Real block[4 * parts * wide_rows<Real>];
-    std::memcpy(block, rows, sizeof block);
-    F row[3];
-    for (int i = 0; i < 3; ++i) {
-      row[i] = load<F>(block + 4 * i);
-      row[i][i] += trace;
-      store(pass.blocks + 12 * edge + 4 * i, pass.scale * row[i]);
+    if constexpr (paired) {
+      row0 = __builtin_shufflevector(rows, rows, 0, 1, 2, 3);
+      row1 = __builtin_shufflevector(rows, rows, 4, 5, 6, 7);
     }
+    row0[0] += trace;
+    row1[1] += trace;
+    row2[2] += trace;
+    Real* block = pass.blocks + 12 * edge;
+    store(block, pass.scale * row0);
+    store(block + 4, pass.scale * row1);
+    store(block + 8, pass.scale * row2);
   }
 }
 
@@ -322,9 +325,96 @@ void force_pass(const ForcePass<Real>& pass, std::int64_t first_node, std::int64
   for (std::int64_t node = first_node; node < last_node; ++node) {
     Four<Real> sum{};
     for (std::int32_t k = pass.incident_start[node]; k < pass.incident_start[node + 1]; ++k) {
-      sum += load<Four<Real>>(pass.forces + 4 * static_cast<std::int64_t>(pass.incident[k]));
+      sum += load<Four<Real>>(pass.forces + 3 * static_cast<std::int64_t>(pass.incident[k]));
     }
     for (int d = 0; d < 3; ++d) pass.node_forces[3 * node + d] = static_cast<double>(sum[d]);
+  }
+}
+
+// Numbers at from + stride * index of each lane; any place, any stride.
+template <std::size_t... l>
+SULCUS_INLINE Lanes<double> pick(const double* from, const std::int64_t* index, std::index_sequence<l...>) {
+  return Lanes<double>{from[index[l]]...};
+}
+
+// The rotation matrix of a quaternion of any length, operation by operation as rotation_matrix does it.
+SULCUS_INLINE void rotation_of(const Lanes<double>* q, Lanes<double>* r) {
+  using V = Lanes<double>;
+  const V s = q[0], x = q[1], y = q[2], z = q[3];
+  const V n = 1.0 / (s * s + x * x + y * y + z * z);
+  r[0] = (s * s + x * x - y * y - z * z) * n;
+  r[4] = (s * s - x * x + y * y - z * z) * n;
+  r[8] = (s * s - x * x - y * y + z * z) * n;
+  r[1] = 2.0 * (x * y - s * z) * n;
+  r[3] = 2.0 * (x * y + s * z) * n;
+  r[2] = 2.0 * (x * z + s * y) * n;
+  r[6] = 2.0 * (x * z - s * y) * n;
+  r[5] = 2.0 * (y * z - s * x) * n;
+  r[7] = 2.0 * (y * z + s * x) * n;
+}
+
+// Energies of one register's elements from the edges of their deformed shapes (x_a - x_0, edge by edge). With
+// the polar rotation R, |S - I|^2 is |F - R|^2 and tr(S - I) is R : F - 3. linear: [lanes] or nullptr: there
+// R = I is not the polar rotation, and the skew part of F - I is no strain.
+SULCUS_INLINE Lanes<double> energies(const Lanes<double>* edges, const Lanes<double>* turn,
+                                     const double* rest, const std::uint8_t* linear) {
+  using V = Lanes<double>;
+  V strain{}, trace{}, gradient[9];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      const V g0 = load<V>(rest + 16 * j), g1 = load<V>(rest + 16 * (3 + j)),
+              g2 = load<V>(rest + 16 * (6 + j));
+      const V f = edges[i] * g0 + edges[3 + i] * g1 + edges[6 + i] * g2;
+      gradient[3 * i + j] = f;
+      const V difference = f - turn[3 * i + j];
+      strain += difference * difference;
+      trace += difference * turn[3 * i + j];
+    }
+  }
+  for (int l = 0; linear != nullptr && l < lane_count<double>; ++l) {
+    if (!linear[l]) continue;
+    for (int i = 0; i < 3; ++i) {
+      for (int j = i + 1; j < 3; ++j) {
+        const double skew = gradient[3 * i + j][l] - gradient[3 * j + i][l];
+        strain[l] -= 0.5 * skew * skew;
+      }
+    }
+  }
+  const V lambda = load<V>(rest + 16 * 9), mu = load<V>(rest + 16 * 10);
+  return mu * strain + 0.5 * lambda * trace * trace;
+}
+
+void energy_pass(const EnergyPass& pass, std::int64_t first_block, std::int64_t last_block) {
+  using V = Lanes<double>;
+  constexpr int n = lane_count<double>;
+  for (std::int64_t block = first_block; block < last_block; ++block) {
+    const std::int64_t left = pass.count - block * 16;
+    const int count = left < 16 ? static_cast<int>(left) : 16;
+    double energy[16];
+    for (int first = 0; first < count; first += n) {
+      std::int64_t place[4][n], quaternion[n];
+      for (int l = 0; l < n; ++l) {
+        const std::int64_t element = first + l < count ? first + l : count - 1;
+        for (int a = 0; a < 4; ++a)
+          place[a][l] = 3 * std::int64_t{pass.nodes[(block * 4 + a) * 16 + element]};
+        quaternion[l] = 4 * (block * 16 + element);
+      }
+      constexpr auto all = std::make_index_sequence<n>();
+      V edges[9], q[4], turn[9];
+      for (int i = 0; i < 3; ++i) {
+        const V x0 = pick(pass.positions + i, place[0], all);
+        for (int a = 1; a < 4; ++a) edges[3 * (a - 1) + i] = pick(pass.positions + i, place[a], all) - x0;
+      }
+      for (int k = 0; k < 4; ++k) q[k] = pick(pass.rotations + k, quaternion, all);
+      rotation_of(q, turn);
+      store(energy + first, energies(edges, turn, pass.rest + block * 12 * 16 + first,
+                                     pass.linear != nullptr ? pass.linear + block * 16 + first : nullptr));
+    }
+    double sum = 0;
+    for (int l = 0; l < count; ++l) {
+      if (pass.alive == nullptr || pass.alive[block * 16 + l]) sum += energy[l];
+    }
+    pass.sums[block - first_block] = sum;
   }
 }
 
@@ -332,7 +422,7 @@ void force_pass(const ForcePass<Real>& pass, std::int64_t first_node, std::int64
 
 template <class Real>
 FemKernels<Real> table() {
-  return {element_pass<Real>, edge_pass<Real>, row_pass<Real>, force_pass<Real>};
+  return {element_pass<Real>, edge_pass<Real>, row_pass<Real>, force_pass<Real>, energy_pass};
 }
 template FemKernels<float> table<float>();
 template FemKernels<double> table<double>();

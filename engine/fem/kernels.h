@@ -29,7 +29,7 @@ struct ElementPass {
       nullptr;  // [elements rounded up to blocks] (h + beta_e) / (h + beta); nullptr: all are 1
   double* rotations = nullptr;  // [4*elements] in: warm start, out: rotation of x
   Real* records = nullptr;      // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
-  Real* forces = nullptr;       // [16*...] elastic force (N) on corners 0..3, each padded to 4
+  Real* forces = nullptr;       // [12*... + 4] elastic force (N) on corners 0..3
 };
 
 template <class Real>
@@ -62,12 +62,25 @@ struct ForcePass {
   double* node_forces = nullptr;  // [3*nodes] sum over the node's elements, in their order
 };
 
+// Elastic energy, in double precision whatever the matrix has (engine/fem/stress.h).
+struct EnergyPass {
+  std::int64_t count = 0;                // elements
+  const std::int32_t* nodes = nullptr;   // ElementData::nodes
+  const double* rest = nullptr;          // ElementData::rest_double
+  const double* positions = nullptr;     // [3*nodes]
+  const double* rotations = nullptr;     // [4*elements]
+  const std::uint8_t* alive = nullptr;   // [elements]; nullptr: all are
+  const std::uint8_t* linear = nullptr;  // as in ElementPass
+  double* sums = nullptr;  // [last - first] J of each block of 16 elements, added in their order
+};
+
 template <class Real>
 struct FemKernels {
   void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
   void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_edge, std::int64_t last_edge) = nullptr;
   void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
   void (*force_pass)(const ForcePass<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
+  void (*energy_pass)(const EnergyPass&, std::int64_t first_block, std::int64_t last_block) = nullptr;
 };
 
 template <class Real>

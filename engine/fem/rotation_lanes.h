@@ -74,45 +74,93 @@ SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
   return good ? step : zero + Real(1e30);
 }
 
+// `count` numbers (4, 8 or 16) in double precision from memory, and back.
+template <class Real, int count>
+SULCUS_INLINE typename Vector<Real, count>::Type load_doubles(const double* from) {
+  constexpr int at_once = register_bytes == 64 ? 8 : 4;
+  if constexpr (count <= at_once) {
+    return __builtin_convertvector(load<typename Vector<double, count>::Type>(from),
+                                   typename Vector<Real, count>::Type);
+  } else {
+    const auto low = load_doubles<Real, count / 2>(from),
+               high = load_doubles<Real, count / 2>(from + count / 2);
+    if constexpr (count == 8) {
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+    } else {
+      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    }
+  }
+}
+
+template <int count, class V>
+SULCUS_INLINE void store_doubles(const V& v, double* to) {
+  constexpr int at_once = register_bytes == 64 ? 8 : 4;
+  if constexpr (count <= at_once) {
+    store(to, __builtin_convertvector(v, typename Vector<double, count>::Type));
+  } else if constexpr (count == 8) {
+    store_doubles<4>(__builtin_shufflevector(v, v, 0, 1, 2, 3), to);
+    store_doubles<4>(__builtin_shufflevector(v, v, 4, 5, 6, 7), to + 4);
+  } else {
+    store_doubles<8>(__builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7), to);
+    store_doubles<8>(__builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15), to + 8);
+  }
+}
+
+// Number k of group l to place (lanes / 4) k + l, and back.
+template <class V>
+SULCUS_INLINE V groups_to_order(const V& v) {
+  constexpr int n = sizeof(V) / sizeof(v[0]);
+  if constexpr (n == 4) {
+    return v;
+  } else if constexpr (n == 8) {
+    return __builtin_shufflevector(v, v, 0, 4, 1, 5, 2, 6, 3, 7);
+  } else {
+    return __builtin_shufflevector(v, v, 0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+  }
+}
+template <class V>
+SULCUS_INLINE V order_to_groups(const V& v) {
+  constexpr int n = sizeof(V) / sizeof(v[0]);
+  if constexpr (n == 8) {
+    return __builtin_shufflevector(v, v, 0, 2, 4, 6, 1, 3, 5, 7);
+  } else {
+    return groups_to_order(v);
+  }
+}
+
 // Quaternions of one register's elements: four doubles an element in memory, one component a vector here.
 // count: elements that exist; the lanes behind them repeat the last one and are not stored.
 template <class Real>
 SULCUS_INLINE void load_quaternions(const double* from, int count, Lanes<Real>* q) {
   constexpr int n = lane_count<Real>;
-  alignas(64) Real numbers[4][n];
-  if (n >= 4 && count == n) {
-    for (int l = 0; l < n; l += 4) {
-      Four<Real> four[4];
-      for (int k = 0; k < 4; ++k)
-        four[k] = __builtin_convertvector(load<Four<double>>(from + 4 * (l + k)), Four<Real>);
-      transpose_groups(four[0], four[1], four[2], four[3]);
-      for (int k = 0; k < 4; ++k) store(&numbers[k][l], four[k]);
-    }
-  } else {
-    for (int l = 0; l < n; ++l) {
-      const double* element = from + 4 * (l < count ? l : count - 1);
-      for (int k = 0; k < 4; ++k) numbers[k][l] = static_cast<Real>(element[k]);
+  if constexpr (n >= 4) {
+    if (count == n) {
+      for (int k = 0; k < 4; ++k) q[k] = load_doubles<Real, n>(from + n * k);
+      transpose_groups(q[0], q[1], q[2], q[3]);
+      for (int k = 0; k < 4; ++k) q[k] = groups_to_order(q[k]);
+      return;
     }
   }
-  for (int k = 0; k < 4; ++k) q[k] = load<Lanes<Real>>(numbers[k]);
+  for (int l = 0; l < n; ++l) {
+    const double* element = from + 4 * (l < count ? l : count - 1);
+    for (int k = 0; k < 4; ++k) q[k][l] = static_cast<Real>(element[k]);
+  }
 }
 
 template <class Real>
 SULCUS_INLINE void store_quaternions(const Lanes<Real>* q, int count, double* to) {
   constexpr int n = lane_count<Real>;
-  alignas(64) Real numbers[4][n];
-  for (int k = 0; k < 4; ++k) store(numbers[k], q[k]);
-  if (n >= 4 && count == n) {
-    for (int l = 0; l < n; l += 4) {
-      Four<Real> four[4];
-      for (int k = 0; k < 4; ++k) four[k] = load<Four<Real>>(&numbers[k][l]);
-      transpose_groups(four[0], four[1], four[2], four[3]);
-      for (int k = 0; k < 4; ++k) store(to + 4 * (l + k), __builtin_convertvector(four[k], Four<double>));
+  if constexpr (n >= 4) {
+    if (count == n) {
+      Lanes<Real> rows[4];
+      for (int k = 0; k < 4; ++k) rows[k] = order_to_groups(q[k]);
+      transpose_groups(rows[0], rows[1], rows[2], rows[3]);
+      for (int k = 0; k < 4; ++k) store_doubles<n>(rows[k], to + n * k);
+      return;
     }
-  } else {
-    for (int l = 0; l < count; ++l) {
-      for (int k = 0; k < 4; ++k) to[4 * l + k] = static_cast<double>(numbers[k][l]);
-    }
+  }
+  for (int l = 0; l < count; ++l) {
+    for (int k = 0; k < 4; ++k) to[4 * l + k] = static_cast<double>(q[k][l]);
   }
 }
 

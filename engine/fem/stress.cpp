@@ -1,9 +1,13 @@
 #include "engine/fem/stress.h"
 
+#include <omp.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 
+#include "engine/fem/kernels.h"
 #include "engine/fem/rotation.h"
+#include "engine/numerics/team.h"
 
 namespace sulcus {
 namespace {
@@ -100,11 +104,10 @@ void block_energies(const ElementData& elements, std::span<const double> positio
   }
 }
 
-}  // namespace
-
-double elastic_energy(const ElementData& elements, std::span<const double> positions,
-                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads,
-                      std::span<const double> weights, bool held) {
+// As elastic_energy, where each element has a weight of its own or the rotations are held.
+double weighted_energy(const ElementData& elements, std::span<const double> positions,
+                       std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads,
+                       std::span<const double> weights, bool held) {
   constexpr std::int64_t lanes = ElementData::lanes;
   const std::int64_t blocks = (elements.count + lanes - 1) / lanes;
   constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
@@ -123,6 +126,39 @@ double elastic_energy(const ElementData& elements, std::span<const double> posit
       }
     }
     for (double sum : sums) total += sum;
+  }
+  return total;
+}
+
+}  // namespace
+
+double elastic_energy(const ElementData& elements, std::span<const double> positions,
+                      std::span<const double> rotations, std::span<const std::uint8_t> alive, int threads,
+                      std::span<const double> weights, bool held) {
+  if (held || !weights.empty())
+    return weighted_energy(elements, positions, rotations, alive, threads, weights, held);
+  constexpr std::int64_t batch = 1024;  // blocks whose sums are kept at a time, without allocation
+  double sums[batch];
+  EnergyPass pass;
+  pass.count = elements.count;
+  pass.nodes = elements.nodes.data();
+  pass.rest = elements.rest_double.data();
+  pass.positions = positions.data();
+  pass.rotations = rotations.data();
+  pass.alive = alive.empty() ? nullptr : alive.data();
+  pass.linear = elements.linear.empty() ? nullptr : elements.linear.data();
+  const auto kernel = fem_kernels<double>(widest_isa()).energy_pass;
+  const std::int64_t blocks = (elements.count + ElementData::lanes - 1) / ElementData::lanes;
+  double total = 0;
+  for (std::int64_t first = 0; first < blocks; first += batch) {
+    const std::int64_t count = std::min(batch, blocks - first);
+#pragma omp parallel num_threads(threads) firstprivate(pass)
+    {
+      const Range own = share(count, omp_get_thread_num(), threads);
+      pass.sums = sums + own.first;
+      kernel(pass, first + own.first, first + own.last);
+    }
+    for (std::int64_t b = 0; b < count; ++b) total += sums[b];
   }
   return total;
 }

@@ -7,6 +7,7 @@
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
 #include "engine/scene/allocation_count.h"
+#include "engine/scene/precision_error.h"
 #include "engine/scene/test_scenes.h"
 
 namespace sulcus {
@@ -279,6 +280,22 @@ TEST(Step, SolverErrorFollowsTheTolerance) {
   EXPECT_LT(errors[1], 0.1 * errors[0]);
   EXPECT_LT(errors[1], 2e-3);
   EXPECT_GT(errors[0], 0);
+}
+
+TEST(Step, ErrorOfSinglePrecisionIsThatOfItsRoundingAndNoneInDouble) {
+  for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
+    const Scene scene = build(pressed_block(precision));
+    const State state = run(scene, 30, 1).back();
+    const DeviceSample sample = press(31 * scene.settings.step_s);
+    const double error = measure_precision_error(scene, std::span(&sample, 1), state, 1);
+    if (precision == Precision::double_precision) {
+      EXPECT_EQ(error, 0);
+    } else {
+      EXPECT_GT(error, 1e-8);
+      EXPECT_LT(error, 1e-4);
+      EXPECT_LT(error, measure_solver_error(scene, std::span(&sample, 1), state, 1));
+    }
+  }
 }
 
 TEST(BuildScene, MakesNoDistanceFieldWithoutATool) {

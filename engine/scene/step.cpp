@@ -11,7 +11,9 @@
 #include "engine/numerics/float_environment.h"
 #include "engine/scene/contact_system.h"
 #include "engine/scene/energy_ledger.h"
+#include "engine/scene/precision_error.h"
 #include "engine/scene/prescribed_contact.h"
+#include "engine/scene/system.h"
 
 namespace sulcus {
 
@@ -377,35 +379,51 @@ void step(const Scene& scene, std::span<const DeviceSample> samples, State& stat
   }
 }
 
-double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
-                            int threads) {
-  State copy = state;
+namespace {
+
+// Increments of the velocities in the coming step, with the contacts of its start; the state stays as it is.
+template <class Real>
+std::vector<double> solve_step(const Scene& scene, std::span<const DeviceSample> samples, State state,
+                               int threads, double tolerance, double floor_m_s) {
   WorkspacePtr workspace = make_workspace(scene, threads);
-  find_contacts(scene, copy, *workspace);
-  if (scene.settings.contact.prescribed) lead_nodes(scene, samples, copy, *workspace);
-  // the scene's own solve
-  const SolverSettings& settings = scene.settings.solver;
-  if (workspace->single) {
-    assemble_and_solve(scene, samples, copy, *workspace->single, *workspace, nullptr, settings.tolerance,
-                       settings.velocity_floor_m_s);
-  } else {
-    assemble_and_solve(scene, samples, copy, *workspace->twice, *workspace, nullptr, settings.tolerance,
-                       settings.velocity_floor_m_s);
-  }
-  const std::vector<double> own = workspace->increments;
-  // the reference: same contacts, double precision, tight tolerance
-  const auto numbers = make_numbers<double>(scene, threads, widest_isa());
-  copy = state;
-  assemble_and_solve(scene, samples, copy, *numbers, *workspace, nullptr, 1e-10, 0);
-  const std::vector<double>& reference = workspace->increments;
+  find_contacts(scene, state, *workspace);
+  if (scene.settings.contact.prescribed) lead_nodes(scene, samples, state, *workspace);
+  const auto numbers = make_numbers<Real>(scene, threads, widest_isa());
+  assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr, tolerance, floor_m_s);
+  return workspace->increments;
+}
+
+// |found - reference| / max(|reference|, that of a resting body).
+double relative_error(const std::vector<double>& found, const std::vector<double>& reference) {
   double error = 0, size = 0;
-  for (std::size_t i = 0; i < state.positions.size(); ++i) {
-    const double difference = own[i] - reference[i];
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const double difference = found[i] - reference[i];
     error += difference * difference;
     size += reference[i] * reference[i];
   }
-  const double rest = static_cast<double>(scene.node_count()) * resting_increment_m_s * resting_increment_m_s;
-  return std::sqrt(error / std::max(size, rest));
+  const double nodes = static_cast<double>(found.size() / 3);
+  return std::sqrt(error / std::max(size, nodes * resting_increment_m_s * resting_increment_m_s));
+}
+
+constexpr double reference_tolerance = 1e-10;
+
+}  // namespace
+
+double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
+                            int threads) {
+  const SolverSettings& settings = scene.settings.solver;
+  const auto solve =
+      settings.precision == Precision::single_precision ? solve_step<float> : solve_step<double>;
+  return relative_error(
+      solve(scene, samples, state, threads, settings.tolerance, settings.velocity_floor_m_s),
+      solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
+}
+
+double measure_precision_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
+                               int threads) {
+  if (scene.settings.solver.precision == Precision::double_precision) return 0;
+  return relative_error(solve_step<float>(scene, samples, state, threads, 1e-6, 0),
+                        solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
 }
 
 std::vector<double> max_principal_stress(const Scene& scene, const State& state) {

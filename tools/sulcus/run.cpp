@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "engine/numerics/error.h"
+#include "engine/scene/precision_error.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/servo_replay.h"
 #include "tools/sulcus/support.h"
@@ -93,6 +94,8 @@ int run_command(const RunOptions& options) {
   const std::int64_t steps = scenario.steps();
   bool torn = false;
   HangingRecord hanging;
+  double precision_error = 0;
+  std::vector<std::int64_t> last_touch(devices.size(), -1);  // step
   {
     Progress progress(scenario.name + ": steps", steps);
     for (std::int64_t n = 0; n < steps; ++n) {
@@ -100,11 +103,13 @@ int run_command(const RunOptions& options) {
       const int every = scenario.measure_error_every_steps;
       if (every > 0 && n % every == every - 1) {
         writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
+        precision_error = std::fmax(precision_error, measure_precision_error(scene, samples, state, threads));
       }
       clock.start();
       step(scene, samples, state, report, *workspace, &clock);
       writer.write_step(samples, report, state, clock.seconds(), clock.total());
       for (std::size_t t = 0; t < devices.size(); ++t) {
+        if (report.tools[t].contacts > 0) last_touch[t] = n;
         devices[t]->write(
             {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
       }
@@ -126,8 +131,13 @@ int run_command(const RunOptions& options) {
       progress.at(n + 1);
     }
   }
+  for (std::size_t t = 0; t < devices.size(); ++t) {
+    if (last_touch[t] >= 0 && last_touch[t] + 1 < steps)
+      writer.add_event(last_touch[t] + 1, scene.settings.tools[t].name + " touches nothing from here on");
+  }
   for (auto& device : devices) device->close();
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  if (precision_error > 0) writer.set_number("single_precision_error", precision_error);
   if (scene.fracture) record_torn(scene, state, hanging, writer);
   writer.finish(state);
 

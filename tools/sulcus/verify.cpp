@@ -42,6 +42,10 @@ int summary_command(const fs::path& dir, const fs::path& golden) {
   std::printf("%-16s median %.1e, at most %.1e of the velocity increment (%lld steps measured)\n",
               "solver error", summary.median_solver_error, summary.max_solver_error,
               static_cast<long long>(summary.solver_errors_measured));
+  if (run.numbers.count("single_precision_error") != 0) {
+    std::printf("%-16s at most %.1e of it, against double precision\n", "of single",
+                number("single_precision_error"));
+  }
   for (const ToolSummary& tool : summary.tools) {
     std::printf("%-16s at most %.3f N shown, %.2f mm penetration, %lld contacts\n", tool.name.c_str(),
                 tool.max_displayed_force_N, 1e3 * tool.max_penetration_m,
