@@ -615,7 +615,11 @@ Scenario parse_scenario(const json& document, const std::string& place,
   read_colours(part(document, "label_colours"), scenario, problems);
   read_golden(part(document, "golden"), scenario.golden);
   if (!problems.empty()) throw InputError(list_problems(place, problems));
-  scenario.resolved_json = document.dump(2) + "\n";
+  json resolved = document;
+  if (const auto* file = std::get_if<std::filesystem::path>(&scenario.map_source)) {
+    resolved["label_map"]["file"] = file->lexically_normal().string();  // found again from any directory
+  }
+  scenario.resolved_json = resolved.dump(2) + "\n";
   return scenario;
 }
 
