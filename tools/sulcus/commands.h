@@ -105,6 +105,16 @@ struct GoldenOptions {
 };
 int golden_command(const GoldenOptions& options);
 
+struct SuiteOptions {
+  std::string filter;               // regular expression that a part of the name fits; empty: all
+  int jobs = 0;                     // scenarios at a time; 0: as many as the machine has cores
+  std::filesystem::path out = "suite";
+  std::filesystem::path scenarios;  // folder
+  std::filesystem::path golden;     // as in VerifyOptions
+  bool force = false;               // replace what is in `out`
+};
+int suite_command(const SuiteOptions& options);
+
 int list_command(const std::filesystem::path& directory);
 
 }  // namespace sulcus

@@ -177,6 +177,22 @@ int command_line(int argc, char** argv) {
   golden_app->add_option("--out", golden.golden, "folder of golden outputs")->required();
   golden_app->callback([&] { code = sulcus::golden_command(golden); });
 
+  sulcus::SuiteOptions suite;
+  suite.scenarios = SULCUS_SCENARIO_DIR;
+  suite.golden = SULCUS_GOLDEN_DIR;
+  auto* suite_app = app.add_subcommand(
+      "suite", "runs scenarios, replays, verifies and reports them; index.html, junit.xml, summary.md");
+  suite_app->footer("Example: sulcus suite --filter '^brain_' --jobs 2 --out /tmp/suite");
+  suite_app->add_option("--filter", suite.filter, "regular expression for names (default: all)");
+  suite_app->add_option("--jobs", suite.jobs, "scenarios at a time (default: one a core)")
+      ->check(CLI::Range(1, 256));
+  suite_app->add_option("--out", suite.out, "folder for the results")->capture_default_str();
+  suite_app->add_option("--scenarios", suite.scenarios, "folder of scenarios")->capture_default_str();
+  suite_app->add_option("--golden", suite.golden, "folder of golden outputs; '' for statements only")
+      ->capture_default_str();
+  suite_app->add_flag("--force", suite.force, "replaces earlier results in the folder");
+  suite_app->callback([&] { code = sulcus::suite_command(suite); });
+
   std::string scenarios = SULCUS_SCENARIO_DIR;
   auto* list_app = app.add_subcommand("list", "shows the scenarios");
   list_app->footer("Example: sulcus list");
