@@ -129,8 +129,8 @@ TEST(Homogenised, BarAcrossTheGridIsCloserToTheFineMeshThanWithWholeCells) {
     std::printf("%s: %.4f N/m pulled, %.4f N/m bent, %.3f g (1.5 mm: %+.1f %% and %+.1f %%)\n",
                 two_materials ? "two materials" : "one material", reference.pull, reference.bend,
                 reference.mass * 1e3, percent(fine.pull, reference.pull), percent(fine.bend, reference.bend));
-    for (const double cell_m : {0.002, 0.003, 0.006}) {
-      Answer mean[2];  // of the absolute errors over the turns, %
+    for (const double cell_m : {0.003, 0.006}) {  // 0.002 too, if one has the time: docs/mesher.md
+      Answer mean[2];                             // of the absolute errors over the turns, %
       for (int turn = 0; turn < 3; ++turn) {
         for (const bool by_content : {false, true}) {
           const Answer found = embedded(cell_m, turn, two_materials, by_content);
