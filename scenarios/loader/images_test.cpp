@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <random>
 
 #include "engine/numerics/error.h"
@@ -279,6 +280,17 @@ TEST_F(LabelMapFiles, WithImpossibleGeometryAreRefused) {
   NiftiFields fields;
   fields.sform = {1, 0.5F, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   expect_refused(write("sheared.nii", nifti(fields, bytes_of(counting(24)))), {"ortho"});
+}
+
+// ITK itself would not end, or end the program.
+TEST_F(LabelMapFiles, WithAbsurdHeadersAreRefusedBeforeItkSeesThem) {
+  const std::string data(8, '\1');
+  std::string absurd = meta("MET_UCHAR", "2 2 2", data);
+  absurd.replace(absurd.find("NDims = 3"), 9, "NDims = 999999999993");
+  expect_refused(write("absurd.mha", absurd), {"NDims", "3 dimensions"});
+  NiftiFields fields;
+  fields.sform = {-1, 0, 0, std::numeric_limits<float>::quiet_NaN(), 0, -1, 0, 0, 0, 0, 1, 0};
+  expect_refused(write("nan.nii", nifti(fields, bytes_of(counting(24)))), {"srow", "nan"});
 }
 
 TEST_F(LabelMapFiles, WithoutAnyLabelAreRefused) {
