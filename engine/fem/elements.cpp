@@ -34,10 +34,39 @@ void check_material(const Material& m) {
   }
 }
 
+// What an element takes from its material, or as a mean from its materials.
+struct Constants {
+  double lambda_Pa = 0, mu_Pa = 0, density_kg_m3 = 0;
+};
+
+Constants constants_of(const Material& m) {
+  return {m.youngs_modulus_Pa * m.poisson_ratio / ((1 + m.poisson_ratio) * (1 - 2 * m.poisson_ratio)),
+          m.youngs_modulus_Pa / (2 * (1 + m.poisson_ratio)), m.density_kg_m3};
+}
+
+Constants mean_constants(const ElementContent& content, std::span<const Material> materials,
+                         const Material& own, std::size_t element) {
+  Constants mean;
+  double filled = 0;
+  const auto add = [&](const Material& material, double share) {
+    const Constants part = constants_of(material);
+    mean.lambda_Pa += share * part.lambda_Pa;
+    mean.mu_Pa += share * part.mu_Pa;
+    mean.density_kg_m3 += share * part.density_kg_m3;
+    filled += share;
+  };
+  for (std::int64_t n = content.first[element]; n < content.first[element + 1]; ++n) {
+    const auto entry = static_cast<std::size_t>(n);
+    add(materials[static_cast<std::size_t>(content.material[entry])], content.share[entry]);
+  }
+  if (filled < least_share) add(own, least_share - filled);
+  return mean;
+}
+
 // The arrays that only some materials need. Elements of the padding are like the last one.
 void add_laws_and_damping(const EmbeddingMesh& mesh, std::span<const Material> materials,
                           std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping,
-                          ElementData& data) {
+                          std::span<const Constants> constants, ElementData& data) {
   const auto any = [&](auto&& asks) { return std::any_of(materials.begin(), materials.end(), asks); };
   const std::size_t padded = data.nodes.size() / 4;
   const auto material = [&](std::size_t e) -> const Material& {
@@ -55,7 +84,7 @@ void add_laws_and_damping(const EmbeddingMesh& mesh, std::span<const Material> m
     const double volume =
         data.rest_double[(e / ElementData::lanes * 12 + 11) * ElementData::lanes + e % ElementData::lanes];
     const double drag =
-        0.25 * material(e).damping.value_or(damping).alpha_1_s * material(e).density_kg_m3 * volume;
+        0.25 * material(e).damping.value_or(damping).alpha_1_s * constants[e].density_kg_m3 * volume;
     for (std::int32_t node : mesh.tets[e]) data.drag_kg_s[static_cast<std::size_t>(node)] += drag;
   }
 }
@@ -63,11 +92,17 @@ void add_laws_and_damping(const EmbeddingMesh& mesh, std::span<const Material> m
 }  // namespace
 
 ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> materials,
-                           std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping) {
+                           std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping,
+                           const ElementContent* content) {
   for (const Material& material : materials) check_material(material);
   constexpr std::int64_t lanes = ElementData::lanes;
   const auto count = static_cast<std::int64_t>(mesh.tets.size());
   const std::int64_t blocks = (count + lanes - 1) / lanes;
+  std::vector<Constants> constants;
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    const Material& own = materials[static_cast<std::size_t>(material_of_tet[e])];
+    constants.push_back(content ? mean_constants(*content, materials, own, e) : constants_of(own));
+  }
   ElementData data;
   data.count = count;
   data.nodes.resize(static_cast<std::size_t>(blocks * 4 * lanes));
@@ -85,10 +120,7 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
                        " m^3; its rest shape must not be flat or inverted");
     }
     const Mat3 inverse = shape.inverse();
-    const Material& m = materials[static_cast<std::size_t>(material_of_tet[static_cast<std::size_t>(e)])];
-    const double mu = m.youngs_modulus_Pa / (2 * (1 + m.poisson_ratio));
-    const double lambda =
-        m.youngs_modulus_Pa * m.poisson_ratio / ((1 + m.poisson_ratio) * (1 - 2 * m.poisson_ratio));
+    const Constants& mean = constants[static_cast<std::size_t>(e)];
     const double stiffness_volume = slot < count ? volume : 0;
 
     const std::int64_t block = slot / lanes;
@@ -97,17 +129,17 @@ ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> 
       return data.rest_double[static_cast<std::size_t>((block * 12 + component) * lanes + lane)];
     };
     for (int k = 0; k < 9; ++k) rest(k) = inverse(k / 3, k % 3);
-    rest(9) = lambda * stiffness_volume;
-    rest(10) = mu * stiffness_volume;
+    rest(9) = mean.lambda_Pa * stiffness_volume;
+    rest(10) = mean.mu_Pa * stiffness_volume;
     rest(11) = stiffness_volume;
     for (int a = 0; a < 4; ++a) data.nodes[static_cast<std::size_t>((block * 4 + a) * lanes + lane)] = tet[a];
     if (slot < count) {
       for (int a = 0; a < 4; ++a) {
-        data.node_mass[static_cast<std::size_t>(tet[a])] += 0.25 * m.density_kg_m3 * volume;
+        data.node_mass[static_cast<std::size_t>(tet[a])] += 0.25 * mean.density_kg_m3 * volume;
       }
     }
   }
-  add_laws_and_damping(mesh, materials, material_of_tet, damping, data);
+  add_laws_and_damping(mesh, materials, material_of_tet, damping, constants, data);
   data.rest_single.assign(data.rest_double.begin(), data.rest_double.end());
 
   NodeStars stars = build_node_stars(mesh.tets, static_cast<std::int64_t>(mesh.rest_positions.size()));

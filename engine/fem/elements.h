@@ -33,6 +33,17 @@ struct Material {
   std::optional<RayleighDamping> damping{};  // its own, instead of the scene's
 };
 
+// Elements that are mixtures (thesis 2.8 and 6.2): what part of each is filled with which material, from the
+// voxels in it (mesh/shares.h). Their stiffness and mass are the means over the element, empty parts counting
+// nothing; but at least `least_share` of an element counts as its material_of_tet, so that no node is without
+// stiffness.
+struct ElementContent {
+  std::vector<std::int64_t> first;     // [tets + 1] entries of element e: first[e] .. first[e + 1] - 1
+  std::vector<std::int32_t> material;  // [entries] index into materials
+  std::vector<double> share;           // [entries] 0..1; of one element they add up to at most 1
+};
+inline constexpr double least_share = 0.01;
+
 // Rest data of the elements, structure of arrays in blocks of lanes elements: entry c of element e stands at
 // [(e / lanes * components + c) * lanes + e % lanes]. The last block is filled up with copies of its last
 // element and zero stiffness.
@@ -52,10 +63,11 @@ struct ElementData {
   std::vector<double> drag_kg_s;  // [nodes] kg/s, mass damping: a quarter of each element's alpha times mass
 };
 
-// material_of_tet: [tets] index into materials. damping: of the materials that have none of their own. Throws
+// material_of_tet: [tets] index into materials: of the whole element, or with `content` (null: none) of what
+// is no mean: law, damping, threshold. damping: of the materials that have none of their own. Throws
 // InputError for an impossible material or a flat rest element.
 ElementData build_elements(const EmbeddingMesh& mesh, std::span<const Material> materials,
-                           std::span<const std::int32_t> material_of_tet,
-                           const RayleighDamping& damping = {});
+                           std::span<const std::int32_t> material_of_tet, const RayleighDamping& damping = {},
+                           const ElementContent* content = nullptr);
 
 }  // namespace sulcus

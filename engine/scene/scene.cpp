@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/mesh/shares.h"
 #include "engine/numerics/error.h"
 
 namespace sulcus {
@@ -149,6 +150,16 @@ std::vector<double> node_weights(const Scene& scene) {
   return weights;
 }
 
+// number: of the materials by label; 0 where a label has none.
+ElementContent content_of(TetShares&& shares, const std::map<std::int32_t, std::int32_t>& number) {
+  ElementContent content{std::move(shares.first), std::move(shares.label), std::move(shares.share)};
+  for (std::int32_t& entry : content.material) {
+    const auto found = number.find(entry);
+    entry = found == number.end() ? 0 : found->second;
+  }
+  return content;
+}
+
 }  // namespace
 
 bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh) {
@@ -192,7 +203,10 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
     const auto found = number.find(scene.mesh.cell_label[cell]);
     if (found != number.end()) material_of_tet[t] = found->second;
   }
-  scene.elements = build_elements(scene.mesh, materials, material_of_tet, d.damping);
+  std::optional<ElementContent> content;
+  if (d.filling == ElementFilling::shares) content = content_of(tet_shares(d.map, scene.mesh), number);
+  scene.elements =
+      build_elements(scene.mesh, materials, material_of_tet, d.damping, content ? &*content : nullptr);
   scene.sparsity = build_sparsity(scene.mesh);
 
   scene.free_node.assign(scene.mesh.rest_positions.size(), 1);

@@ -73,6 +73,12 @@ struct PrescribedMotion {
   std::vector<Place> path;     // one a step; the last holds for all later steps
 };
 
+// What an element's stiffness and mass come from.
+enum class ElementFilling {
+  whole_cells,  // its cell's most frequent label fills it
+  shares        // the voxels in it, by volume (fem/elements.h, ElementContent)
+};
+
 enum class ContactDetection {
   embedded_vertices,  // tool vertices inside the embedded volume (contact/embedded.h)
   surface_nodes,      // nodes of the mesh's boundary inside the tool (contact/surface_nodes.h)
@@ -85,6 +91,7 @@ struct SceneDescription {
   EmbeddingOptions embedding;
   Material material;                           // of labels that `materials` does not name
   std::map<std::int32_t, Material> materials;  // by label
+  ElementFilling filling = ElementFilling::whole_cells;
   RayleighDamping damping;
   Vec3 gravity = Vec3::Zero();            // m/s^2
   std::vector<std::int32_t> fixed_nodes;  // held at rest

@@ -10,8 +10,8 @@ namespace sulcus {
 
 namespace {
 
-std::vector<float> distance_to_border(const LabelMap& map) {
-  std::vector<float> distance(map.voxel_count());
+LargeVector<float> distance_to_border(const LabelMap& map) {
+  LargeVector<float> distance(map.voxel_count());
   for (int k = 0; k < map.size[2]; ++k) {
     for (int j = 0; j < map.size[1]; ++j) {
       for (int i = 0; i < map.size[0]; ++i) {

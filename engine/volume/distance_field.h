@@ -11,15 +11,14 @@
 //                0.44 largest error, where voxel_faces has 0.15 and 0.49 (docs/mesher.md has the whole table)
 #pragma once
 
-#include <vector>
-
 #include "engine/volume/label_map.h"
+#include "engine/volume/large_array.h"
 #include "engine/volume/separation.h"
 
 namespace sulcus {
 
 struct DistanceField {
-  std::vector<float> distance;  // [voxels], m, >= 0; as the label map is ordered
+  LargeVector<float> distance;  // [voxels], m, >= 0; as the label map is ordered
 };
 
 enum class DistanceKind { voxel_faces, smooth };

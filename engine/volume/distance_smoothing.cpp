@@ -17,6 +17,22 @@ struct BandVoxel {
   std::uint8_t present, flipped, mirrored;
 };
 
+constexpr std::uint8_t all_neighbours = 63;
+constexpr float sign[2] = {1, -1};
+
+// describe() of a voxel that has all six neighbours.
+BandVoxel describe_inner(std::size_t voxel, const std::uint8_t* links, const std::ptrdiff_t (&step)[3]) {
+  unsigned flipped = 0;
+  const unsigned here = links[voxel];
+  for (int a = 0; a < 3; ++a) {
+    const unsigned low = links[voxel - step[a]], high = links[voxel + step[a]];
+    const unsigned low_face = ((low | here) >> 3) & ~(low >> a) & 1;  // labelled is bit 3
+    const unsigned high_face = ((high | here) >> 3) & ~(here >> a) & 1;
+    flipped |= (low_face | high_face << 1) << 2 * a;
+  }
+  return {static_cast<std::int32_t>(voxel), all_neighbours, static_cast<std::uint8_t>(flipped), 0};
+}
+
 BandVoxel describe(const LabelMap& map, const std::vector<std::uint8_t>& links, const Index3& at) {
   const std::ptrdiff_t step[3] = {1, map.size[0], static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1]};
   const std::size_t voxel = map.index(at[0], at[1], at[2]);
@@ -42,16 +58,12 @@ BandVoxel describe(const LabelMap& map, const std::vector<std::uint8_t>& links, 
   return band;
 }
 
-struct Band {
-  std::unique_ptr<BandVoxel[]> voxels;
-  std::ptrdiff_t count = 0;
-};
-
 // Counts first and fills then: memory that grows would cost more than the search.
-Band find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
-               const std::vector<float>& distance) {
+LargeVector<BandVoxel> find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
+                                 std::span<const float> distance) {
   const auto limit = static_cast<float>(2 * std::max({map.spacing[0], map.spacing[1], map.spacing[2]}));  // m
   const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1];
+  const std::ptrdiff_t step[3] = {1, map.size[0], plane};
   std::vector<std::ptrdiff_t> first(static_cast<std::size_t>(map.size[2]) + 1, 0);  // of each plane
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < map.size[2]; ++k) {
@@ -61,14 +73,19 @@ Band find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
     first[k + 1] = count;
   }
   for (int k = 0; k < map.size[2]; ++k) first[k + 1] += first[k];
-  Band band{large_scratch<BandVoxel>(static_cast<std::size_t>(first.back())), first.back()};
+  LargeVector<BandVoxel> band(static_cast<std::size_t>(first.back()));
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < map.size[2]; ++k) {
-    BandVoxel* next = band.voxels.get() + first[k];
+    BandVoxel* next = band.data() + first[k];
     for (int j = 0; j < map.size[1]; ++j) {
-      const float* row = distance.data() + map.index(0, j, k);
+      const std::size_t first_voxel = map.index(0, j, k);
+      const float* row = distance.data() + first_voxel;
+      const bool inner = j > 0 && j + 1 < map.size[1] && k > 0 && k + 1 < map.size[2];
       for (int i = 0; i < map.size[0]; ++i) {
-        if (row[i] < limit) *next++ = describe(map, links, {i, j, k});
+        if (!(row[i] < limit)) continue;
+        *next++ = inner && i > 0 && i + 1 < map.size[0]
+                      ? describe_inner(first_voxel + static_cast<std::size_t>(i), links.data(), step)
+                      : describe(map, links, {i, j, k});
       }
     }
   }
@@ -78,18 +95,27 @@ Band find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
 }  // namespace
 
 void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                          std::vector<float>& distance) {
+                          std::span<float> distance) {
   const std::ptrdiff_t step[3] = {1, map.size[0], static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1]};
-  const Band band = find_band(map, links, distance);
-  const std::unique_ptr<float[]> next = large_scratch<float>(static_cast<std::size_t>(band.count));
+  const LargeVector<BandVoxel> band = find_band(map, links, distance);
+  LargeVector<float> next(band.size());
+  const auto count = static_cast<std::ptrdiff_t>(band.size());
   for (const float factor : {0.125F, 0.125F, -0.14F, -0.14F}) {
 #pragma omp parallel
     {
 #pragma omp for schedule(static)
-      for (std::ptrdiff_t n = 0; n < band.count; ++n) {
-        const BandVoxel& v = band.voxels[n];
+      for (std::ptrdiff_t n = 0; n < count; ++n) {
+        const BandVoxel& v = band[n];
         const float* here = distance.data() + v.voxel;
-        float sum = 0;  // m, of the differences to the neighbours
+        float sum = 0;                      // m, of the differences to the neighbours
+        if (v.present == all_neighbours) {  // the same, without a branch
+          for (int b = 0; b < 6; ++b) {
+            const float other = here[b & 1 ? step[b >> 1] : -step[b >> 1]];
+            sum += sign[v.flipped >> b & 1] * other - *here;
+          }
+          next[n] = std::max(0.0F, *here + factor * sum);
+          continue;
+        }
         for (int b = 0; b < 6; ++b) {
           if (v.present >> b & 1) {
             const float other = here[b & 1 ? step[b >> 1] : -step[b >> 1]];
@@ -101,7 +127,7 @@ void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& 
         next[n] = std::max(0.0F, *here + factor * sum);
       }
 #pragma omp for schedule(static)
-      for (std::ptrdiff_t n = 0; n < band.count; ++n) distance[band.voxels[n].voxel] = next[n];
+      for (std::ptrdiff_t n = 0; n < count; ++n) distance[band[n].voxel] = next[n];
     }
   }
 }

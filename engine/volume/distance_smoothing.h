@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "engine/volume/label_map.h"
@@ -15,6 +16,6 @@ namespace sulcus {
 // Values stay >= 0. links: as build_voxel_links gives them. distance: [voxels], m. Deterministic for any
 // thread count.
 void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                          std::vector<float>& distance);
+                          std::span<float> distance);
 
 }  // namespace sulcus

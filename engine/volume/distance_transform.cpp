@@ -9,7 +9,6 @@
 #include <emmintrin.h>
 #endif
 
-#include "engine/volume/large_array.h"
 #include "engine/volume/min_plus.h"
 #include "engine/volume/voxel_links.h"
 
@@ -99,12 +98,12 @@ class Transform {
         plane_(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_)),
         links_(links),
         squares_{half_squares(nx_, spacing[0]), half_squares(ny_, spacing[1]), half_squares(nz_, spacing[2])},
-        whole_(large_vector<float>(plane_ * static_cast<std::size_t>(nz_), 0)),
-        between_(large_scratch<float>(plane_ * static_cast<std::size_t>(nz_ + 1))),
+        whole_(plane_ * static_cast<std::size_t>(nz_)),
+        between_(plane_ * static_cast<std::size_t>(nz_ + 1)),
         whole_finite_(static_cast<std::size_t>(nz_)),
         between_finite_(static_cast<std::size_t>(nz_) + 1) {}
 
-  std::vector<float> run() {
+  LargeVector<float> run() {
 #pragma omp parallel
     {
       Plane work(*this);
@@ -244,7 +243,7 @@ class Transform {
     between_finite_[m] = *std::max_element(work.half_finite.begin(), work.half_finite.end());
     if (!between_finite_[m]) return;
     std::fill(work.half_rows.begin(), work.half_rows.end(), infinite);
-    columns(work, between_.get() + static_cast<std::size_t>(m) * plane_);
+    columns(work, between_.data() + static_cast<std::size_t>(m) * plane_);
   }
 
   // The pass along k for a few stacks side by side, and the root.
@@ -263,7 +262,7 @@ class Transform {
              whole + k * stack_stride);
     }
     for (int m = 0; m <= nz_; ++m) {
-      gather(between_finite_[m], between_.get() + static_cast<std::size_t>(m) * plane_,
+      gather(between_finite_[m], between_.data() + static_cast<std::size_t>(m) * plane_,
              half + m * stack_stride);
       take_neighbours(whole, stack_stride, m, nz_, width, half + m * stack_stride);
     }
@@ -281,14 +280,14 @@ class Transform {
   std::size_t plane_;
   const std::vector<std::uint8_t>& links_;
   std::vector<float> squares_[3];
-  std::vector<float> whole_;          // [nz][ny][nx] planes of voxel centres
-  std::unique_ptr<float[]> between_;  // [nz + 1][ny][nx] planes between them
+  LargeVector<float> whole_;    // [nz][ny][nx] planes of voxel centres
+  LargeVector<float> between_;  // [nz + 1][ny][nx] planes between them
   std::vector<std::uint8_t> whole_finite_, between_finite_;
 };
 
 }  // namespace
 
-std::vector<float> face_distance(const Index3& size, const Vec3& spacing,
+LargeVector<float> face_distance(const Index3& size, const Vec3& spacing,
                                  const std::vector<std::uint8_t>& links) {
   return Transform(size, spacing, links).run();
 }

@@ -10,12 +10,13 @@
 #include <vector>
 
 #include "engine/numerics/types.h"
+#include "engine/volume/large_array.h"
 
 namespace sulcus {
 
 // links: as build_voxel_links gives them, with at least one labelled voxel. Returns distances [voxels], m.
 // Memory: 8 bytes a voxel, the result included.
-std::vector<float> face_distance(const Index3& size, const Vec3& spacing,
+LargeVector<float> face_distance(const Index3& size, const Vec3& spacing,
                                  const std::vector<std::uint8_t>& links);
 
 }  // namespace sulcus

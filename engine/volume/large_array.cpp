@@ -8,18 +8,36 @@
 
 namespace sulcus {
 
-void prepare_large(void* begin, std::size_t bytes) {
-  constexpr std::uintptr_t page = std::uintptr_t{2} << 20;
-  const std::uintptr_t low = (reinterpret_cast<std::uintptr_t>(begin) + page - 1) & ~(page - 1);
-  const std::uintptr_t high = (reinterpret_cast<std::uintptr_t>(begin) + bytes) & ~(page - 1);
-  if (high <= low) return;
+namespace {
+
+// Whole large pages [low, high) of a piece of memory.
+constexpr std::uintptr_t page = std::uintptr_t{2} << 20;
+struct Pages {
+  Pages(void* begin, std::size_t bytes)
+      : low((reinterpret_cast<std::uintptr_t>(begin) + page - 1) & ~(page - 1)),
+        high((reinterpret_cast<std::uintptr_t>(begin) + bytes) & ~(page - 1)) {}
+  std::uintptr_t low, high;
+};
+
+}  // namespace
+
+void ask_large_pages(void* begin, std::size_t bytes) {
+  const Pages pages(begin, bytes);
 #if defined(__linux__) && defined(MADV_HUGEPAGE)
-  (void)madvise(reinterpret_cast<void*>(low), high - low, MADV_HUGEPAGE);  // refusal changes speed alone
+  if (pages.high > pages.low) {  // refusal changes speed alone
+    (void)madvise(reinterpret_cast<void*>(pages.low), pages.high - pages.low, MADV_HUGEPAGE);
+  }
 #endif
-  const auto pages = static_cast<std::ptrdiff_t>((high - low) / page);
+}
+
+void prepare_large(void* begin, std::size_t bytes) {
+  ask_large_pages(begin, bytes);
+  const Pages pages(begin, bytes);
+  const auto count =
+      pages.high > pages.low ? static_cast<std::ptrdiff_t>((pages.high - pages.low) / page) : 0;
 #pragma omp parallel for schedule(static)
-  for (std::ptrdiff_t p = 0; p < pages; ++p) {
-    *reinterpret_cast<volatile char*>(low + static_cast<std::uintptr_t>(p) * page) = 0;
+  for (std::ptrdiff_t p = 0; p < count; ++p) {
+    *reinterpret_cast<volatile char*>(pages.low + static_cast<std::uintptr_t>(p) * page) = 0;
   }
 }
 

@@ -6,12 +6,15 @@
 
 #include <cstddef>
 #include <memory>
+#include <utility>
 #include <vector>
 
 namespace sulcus {
 
-// Asks for large pages for memory that holds nothing yet, and touches it with all threads; small arrays are
-// left.
+// Asks for large pages for memory that holds nothing yet; small arrays are left.
+void ask_large_pages(void* begin, std::size_t bytes);
+
+// The same, and touches the memory with all threads.
 void prepare_large(void* begin, std::size_t bytes);
 
 template <class T>
@@ -23,12 +26,30 @@ std::vector<T> large_vector(std::size_t count, T value) {
   return array;
 }
 
-// Scratch without initial values.
+// A vector in large pages that leaves new elements of plain types without a value, so that those who write
+// them touch the memory first.
 template <class T>
-std::unique_ptr<T[]> large_scratch(std::size_t count) {
-  std::unique_ptr<T[]> array(new T[count]);
-  prepare_large(array.get(), count * sizeof(T));
-  return array;
-}
+struct LargeAllocator : std::allocator<T> {
+  using value_type = T;
+  template <class U>
+  struct rebind {
+    using other = LargeAllocator<U>;
+  };
+  T* allocate(std::size_t count) {
+    T* begin = std::allocator<T>::allocate(count);
+    ask_large_pages(begin, count * sizeof(T));
+    return begin;
+  }
+  template <class U>
+  void construct(U* place) {
+    ::new (static_cast<void*>(place)) U;
+  }
+  template <class U, class... Arguments>
+  void construct(U* place, Arguments&&... arguments) {
+    ::new (static_cast<void*>(place)) U(std::forward<Arguments>(arguments)...);
+  }
+};
+template <class T>
+using LargeVector = std::vector<T, LargeAllocator<T>>;
 
 }  // namespace sulcus

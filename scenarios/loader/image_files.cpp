@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <map>
@@ -31,7 +33,7 @@ bool ends_with(const std::string& text, const std::string& ending) {
 }
 
 std::string trimmed(const std::string& text) {
-  const std::size_t first = text.find_first_not_of(" \t=");
+  const std::size_t first = text.find_first_not_of(" \t=:");
   return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t") - first + 1);
 }
 
@@ -47,6 +49,14 @@ struct TextHeader {
   }
 };
 
+// ITK's MetaImage reader takes any number of dimensions, and then as long as that number is large.
+void check_dimensions(const fs::path& path, const std::string& text) {
+  int dimensions = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), dimensions);
+  if (error == std::errc() && end == text.data() + text.size() && dimensions >= 1 && dimensions <= 10) return;
+  throw InputError(path.string() + ": NDims is \"" + text.substr(0, 40) + "\"; a label map has 3 dimensions");
+}
+
 TextHeader read_text_header(const fs::path& path, ImageFormat format) {
   std::ifstream stream(path, std::ios::binary);
   TextHeader header;
@@ -55,10 +65,11 @@ TextHeader read_text_header(const fs::path& path, ImageFormat format) {
     header.bytes += line.size() + 1;
     if (!line.empty() && line.back() == '\r') line.pop_back();
     if (format == ImageFormat::nrrd && line.empty()) break;
-    const std::size_t mark = line.find(format == ImageFormat::nrrd ? ':' : '=');
+    const std::size_t mark = line.find_first_of(format == ImageFormat::nrrd ? ":" : "=:");
     if (mark == std::string::npos) continue;
     const std::string key = lower(trimmed(line.substr(0, mark)));
     header.fields[key] = trimmed(line.substr(mark + 1));
+    if (format == ImageFormat::meta && key == "ndims") check_dimensions(path, header.fields[key]);
     if (format == ImageFormat::meta && key == "elementdatafile") break;
   }
   return header;
@@ -190,6 +201,30 @@ class BinaryHeader {
   std::int32_t size_ = 0;
 };
 
+// ITK gives up the program on a transform that is not finite.
+void refuse_absurd_numbers(const fs::path& path, const BinaryHeader& binary) {
+  struct Field {
+    const char* name;
+    std::size_t first_version_offset, second_version_offset;
+    int count;
+  };
+  constexpr Field fields[] = {{"pixdim", 76, 104, 8},
+                              {"scl_slope and scl_inter", 112, 176, 2},
+                              {"quatern", 256, 352, 3},
+                              {"qoffset", 268, 376, 3},
+                              {"srow (sform)", 280, 400, 12}};
+  for (const Field& field : fields) {
+    for (std::size_t n = 0; n < static_cast<std::size_t>(field.count); ++n) {
+      const double number =
+          binary.real(field.first_version_offset + 4 * n, field.second_version_offset + 8 * n);
+      if (!(std::fabs(number) <= 1e12)) {
+        throw InputError(path.string() + ": the header's " + field.name + " holds " + std::to_string(number) +
+                         ", which is no such number; write the image again with sound software");
+      }
+    }
+  }
+}
+
 }  // namespace
 
 ImageFormat image_format(const fs::path& path) {
@@ -267,6 +302,7 @@ void require_data(const fs::path& path, const ImageData& data, std::uint64_t byt
 NiftiHeader read_nifti_header(const fs::path& path) {
   const BinaryHeader binary(path);
   const bool second = binary.second_version();
+  refuse_absurd_numbers(path, binary);
   NiftiHeader header;
   header.slope = binary.real(112, 176);
   header.shift = binary.real(116, 184);

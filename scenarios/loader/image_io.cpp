@@ -8,6 +8,7 @@
 
 #include <cassert>
 #include <cmath>
+#include <iostream>
 #include <optional>
 #include <string>
 
@@ -19,6 +20,15 @@ namespace sulcus {
 namespace {
 
 namespace fs = std::filesystem;
+
+// ITK's MetaImage reader explains itself on the standard error, beside the exception.
+struct QuietErrors {
+  QuietErrors() : before(std::cerr.rdbuf(nullptr)) {}
+  ~QuietErrors() { std::cerr.rdbuf(before); }
+  QuietErrors(const QuietErrors&) = delete;
+  QuietErrors& operator=(const QuietErrors&) = delete;
+  std::streambuf* before;
+};
 
 itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
   itk::Object::SetGlobalWarningDisplay(false);  // ITK's remarks would go to the standard error
@@ -104,7 +114,8 @@ void read_geometry(const fs::path& path, ImageFormat format, const itk::ImageIOB
 
 Image read_single_file(const fs::path& path, ImageUse use) {
   const ImageFormat format = image_format(path);
-  find_image_data(path, format);  // refuses what is missing
+  find_image_data(path, format);  // refuses what is missing, and NIfTI headers that are no such
+  const QuietErrors quiet;
   Image image;
   try {
     const itk::ImageIOBase::Pointer io = make_image_io(format);

@@ -1,11 +1,14 @@
 #include "scenarios/loader/images.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include <algorithm>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <random>
 
 #include "engine/numerics/error.h"
@@ -22,6 +25,34 @@ const char* __lsan_default_options() {
 }
 
 namespace sulcus {
+
+namespace test {
+
+// A gzip stream of that many MiB of ones.
+std::string deflated_ones(int mebibytes) {
+  z_stream stream{};
+  deflateInit2(&stream, 9, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY);
+  std::string ones(std::size_t{1} << 20, '\1'), out(std::size_t{1} << 20, '\0');
+  stream.next_out = reinterpret_cast<Bytef*>(out.data());
+  stream.avail_out = static_cast<uInt>(out.size());
+  for (int n = 0; n < mebibytes; ++n) {
+    stream.next_in = reinterpret_cast<Bytef*>(ones.data());
+    stream.avail_in = static_cast<uInt>(ones.size());
+    deflate(&stream, n + 1 == mebibytes ? Z_FINISH : Z_NO_FLUSH);
+  }
+  out.resize(stream.total_out);
+  deflateEnd(&stream);
+  return out;
+}
+
+long peak_memory_kB() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return usage.ru_maxrss;
+}
+
+}  // namespace test
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -281,6 +312,17 @@ TEST_F(LabelMapFiles, WithImpossibleGeometryAreRefused) {
   expect_refused(write("sheared.nii", nifti(fields, bytes_of(counting(24)))), {"ortho"});
 }
 
+// ITK itself would not end, or end the program.
+TEST_F(LabelMapFiles, WithAbsurdHeadersAreRefusedBeforeItkSeesThem) {
+  const std::string data(8, '\1');
+  std::string absurd = meta("MET_UCHAR", "2 2 2", data);
+  absurd.replace(absurd.find("NDims = 3"), 9, "NDims = 999999999993");
+  expect_refused(write("absurd.mha", absurd), {"NDims", "3 dimensions"});
+  NiftiFields fields;
+  fields.sform = {-1, 0, 0, std::numeric_limits<float>::quiet_NaN(), 0, -1, 0, 0, 0, 0, 1, 0};
+  expect_refused(write("nan.nii", nifti(fields, bytes_of(counting(24)))), {"srow", "nan"});
+}
+
 TEST_F(LabelMapFiles, WithoutAnyLabelAreRefused) {
   expect_refused(write("zero.nrrd", nrrd("uint8", "2 2 2", std::string(8, '\0'))), {"label 0"});
   expect_refused(write("none.nrrd", nrrd("uint8", "0 2 2", "")), {"none.nrrd"});
@@ -344,6 +386,23 @@ TEST_F(LabelMapFiles, ThatPromiseMoreThanTheyHoldAreRefusedBeforeMemoryIsTaken) 
   expect_refused(write("big.mha", meta("MET_UCHAR", "600 600 600", "x", "CompressedData = True\n")),
                  {"216000000 bytes"});
   expect_refused(write("big.mha", meta("MET_UCHAR", "2000000 2000000 2000000", "x")), {"big.mha"});
+}
+
+// A small file that inflates to 300 MB: only what the header promises is taken.
+TEST_F(LabelMapFiles, ThatInflateWithoutEndTakeNoMemory) {
+  const std::string huge = test::deflated_ones(300);
+  EXPECT_LT(huge.size(), 400000u);
+  const fs::path paths[] = {
+      write("bomb.nrrd", nrrd("uint8", "2 2 2", huge, "(1,0,0) (0,1,0) (0,0,1)", "3", "encoding: gzip\n")),
+      write("bomb.mha", meta("MET_UCHAR", "2 2 2", huge, "CompressedData = True\n"))};
+  for (const fs::path& path : paths) {
+    const long before_kB = test::peak_memory_kB();
+    try {
+      EXPECT_EQ(read_label_map(path).labels, std::vector<std::int32_t>(8, 1)) << path;
+    } catch (const InputError&) {  // may be refused as well
+    }
+    EXPECT_LT(test::peak_memory_kB() - before_kB, 100 * 1000) << path;
+  }
 }
 
 TEST_F(LabelMapFiles, ThatAreNotWhatTheirNameSaysAreRefused) {

@@ -430,6 +430,12 @@ Scenario parse_scenario(const json& document, const std::string& place,
   });
   read_mesh(document["mesh"], scenario.scene.embedding);
   read_tissue(part(document, "tissue"), scenario, problems);
+  if (document["mesh"].value("filling", "whole_cells") == "shares") {
+    scenario.scene.filling = ElementFilling::shares;
+    if (!scenario.prevailing_labels.empty()) {
+      problems.push_back("/mesh/filling: \"shares\" and materials that prevail exclude each other; drop one");
+    }
+  }
   read_time(document["time"], scenario, problems);
   read_boundary(part(document, "boundary"), scenario, problems);
   read_tools(document.value("tools", json::array()), scenario, problems);

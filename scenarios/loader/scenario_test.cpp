@@ -406,6 +406,8 @@ TEST(ScenarioFiles, ListNamesInputFilesAndErrors) {
   EXPECT_NE(summaries[2].error.find("/mesh/size_mm"), std::string::npos);
   EXPECT_EQ(load_scenario(directory / "good.json").input_files,
             (std::vector<fs::path>{directory / "good.json", directory / "block.nrrd"}));
+  // a recording's text finds its label map from any other place
+  EXPECT_NO_THROW(load_scenario_text(load_scenario(directory / "good.json").resolved_json, "recording", "/"));
   EXPECT_THROW(list_scenarios(directory / "none"), InputError);
   expect_refusal([&] { load_scenario(directory / "none.json"); }, {"none.json", "does not exist"});
   expect_refusal([&] { load_scenario(directory); }, {"is a directory"});
