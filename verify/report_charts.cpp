@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/numerics/quaternion.h"
 #include "verify/report_parts.h"
 
 namespace sulcus::report {
@@ -57,6 +58,42 @@ void set_bound(Chart& chart, std::span<const Check> checks, const std::string& n
   }
 }
 
+// One component of a series of vectors, times `factor`; without points if it hardly moves or is not there.
+Curve component_of(const RunData& run, const std::string& series_name, std::size_t component,
+                   const std::string& curve_name, double factor, double least_range) {
+  Curve curve{curve_name, {}, {}};
+  const Series* series = run.find(series_name);
+  if (!series || series->components != 3) return curve;
+  std::vector<double> values;
+  for (std::size_t i = component; i < series->values.size(); i += 3)
+    values.push_back(factor * series->values[i]);
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  if (values.empty() || !(*high - *low >= least_range)) return curve;
+  curve.x = times(run);
+  curve.y = std::move(values);
+  if (curve.x.size() != curve.y.size()) curve.x.clear(), curve.y.clear();
+  return curve;
+}
+
+// Angle between the device and the tool.
+Curve misalignment_of(const RunData& run, std::size_t tool, const std::string& curve_name) {
+  Curve curve{curve_name, {}, {}};
+  const std::string number = std::to_string(tool);
+  const Series* device = run.find("device/" + number + "/orientation");
+  const Series* own = run.find("tools/" + number + "/orientation");
+  const std::vector<double> time = times(run);
+  if (!device || !own || device->values.size() != 4 * time.size() || own->values.size() != 4 * time.size())
+    return curve;
+  for (std::size_t n = 0; n < time.size(); ++n) {
+    const double *d = &device->values[4 * n], *q = &own->values[4 * n];
+    curve.x.push_back(time[n]);
+    curve.y.push_back(
+        rotation_vector(Quaternion{d[0], d[1], d[2], d[3]} * conjugate(Quaternion{q[0], q[1], q[2], q[3]}))
+            .norm());
+  }
+  return curve;
+}
+
 class Charts {
  public:
   explicit Charts(std::span<const Check> checks) : checks_(checks) {}
@@ -99,6 +136,23 @@ std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check>
   }
   out.add("Size of the force between tool and tissue, and of what the hand feels.", force, "displayed_force");
   out.add("How deep the tool sinks below the tissue's surface.", depth, "penetration", 1e3);
+
+  if (tools == 1) {
+    Chart way = chart("Trajectory", "position [mm]");
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      constexpr double least_range_mm = 1;  // an axis along which the hand hardly moves is left out
+      const std::string name(1, "xyz"[axis]);
+      Curve hand = component_of(run, "device/0/position_m", axis, name + ", device", 1e3, least_range_mm);
+      if (hand.x.empty()) continue;
+      way.curves.push_back(std::move(hand));
+      way.curves.push_back(component_of(run, "tools/0/position_m", axis, name + ", tool", 1e3, 0));
+    }
+    out.add("Where the device is, and the tool that hangs on it by the virtual coupling.", way);
+  }
+  Chart turned = chart("Misalignment", "angle between device and tool [rad]");
+  for (std::size_t t = 0; t < tools; ++t)
+    turned.curves.push_back(misalignment_of(run, t, tools > 1 ? run.header.tool_names[t] : ""));
+  out.add("By which angle the tool lags behind the device.", turned);
 
   Chart time = chart("Time for each step", "time [ms]", ChartKind::stacked);
   for (const char* stage : stage_names) {

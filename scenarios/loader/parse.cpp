@@ -1,6 +1,7 @@
 #include "scenarios/loader/parse.h"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -458,7 +459,35 @@ void read_time(const json& object, Scenario& scenario, Problems& problems) {
   }
 }
 
-void read_checks(const json& object, Scenario& scenario) {
+void read_measures(const json& list, Scenario& scenario, Problems& problems) {
+  for (const json& object : list) {
+    const std::string pointer = "/checks/measures/" + std::to_string(scenario.checks.measures.size());
+    MeasureBounds measure;
+    read(object, "what", measure.what);
+    read(object, "tool", measure.tool);
+    read(object, "from_s", measure.from_s);
+    read(object, "to_s", measure.to_s);
+    read(object, "above_Hz", measure.above_Hz);
+    read(object, "within_rad", measure.within_rad);
+    read(object, "along", measure.along);
+    read(object, "at_least", measure.at_least);
+    read(object, "at_most", measure.at_most);
+    const auto is_named = [&](const Tool& tool) { return tool.name == measure.tool; };
+    const std::vector<Tool>& tools = scenario.scene.tools;
+    if (measure.what == "least_travel_mm") {
+      if (!measure.tool.empty())
+        problems.push_back(pointer + "/tool: this is no measure of a tool; leave it out");
+    } else if (std::none_of(tools.begin(), tools.end(), is_named)) {
+      problems.push_back(pointer + "/tool: found \"" + measure.tool + "\", expected the name of a tool");
+    }
+    if (!measure.at_least && !measure.at_most)
+      problems.push_back(pointer + ": it has no bound; give at_least, at_most or both");
+    if (!(measure.along.norm() > 0)) problems.push_back(pointer + "/along: the direction has no length");
+    scenario.checks.measures.push_back(std::move(measure));
+  }
+}
+
+void read_checks(const json& object, Scenario& scenario, Problems& problems) {
   Checks& checks = scenario.checks;
   read_mm(object, "max_penetration_mm", checks.max_penetration_m);
   read(object, "max_force_N", checks.max_force_N);
@@ -475,6 +504,8 @@ void read_checks(const json& object, Scenario& scenario) {
   read(object, "energy_growth", checks.max_energy_growth);
   read(object, "max_hanging_elements", checks.max_hanging_elements);
   read(object, "min_hanging_energy_uJ", checks.min_hanging_energy_J);
+  read(object, "contact_expected", checks.contact_expected);
+  read_measures(object.value("measures", json::array()), scenario, problems);
   if (checks.min_hanging_energy_J) *checks.min_hanging_energy_J *= 1e-6;
   if (checks.max_kinetic_energy_J) *checks.max_kinetic_energy_J *= 1e-6;
   if (checks.max_solver_error && scenario.measure_error_every_steps == 0) {
@@ -579,7 +610,7 @@ Scenario parse_scenario(const json& document, const std::string& place,
   if (document.contains("fracture")) read_fracture(document["fracture"], scenario, problems);
   read_solver(part(document, "solver"), scenario);
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);
-  read_checks(part(document, "checks"), scenario);
+  read_checks(part(document, "checks"), scenario, problems);
   read_pictures(part(document, "pictures"), scenario, problems);
   read_colours(part(document, "label_colours"), scenario, problems);
   read_golden(part(document, "golden"), scenario.golden);

@@ -12,6 +12,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -86,6 +87,16 @@ struct PlaneRegion {
   int axis = 0;  // 0..2: along which they keep their place
 };
 
+// A number taken from the run and held between bounds; what each name means is said in the schema.
+struct MeasureBounds {
+  std::string what, tool;
+  double from_s = 0, to_s = std::numeric_limits<double>::infinity();  // s
+  double above_Hz = 0;
+  double within_rad = 0;
+  Vec3 along = Vec3::UnitZ();               // any length > 0
+  std::optional<double> at_least, at_most;  // in the unit that the name ends with; at least one is given
+};
+
 // Bounds on what a run may give; an absent one is not checked.
 struct Checks {
   std::optional<double> max_penetration_m;  // m, deepest contact of any step
@@ -102,6 +113,8 @@ struct Checks {
   std::optional<double> min_hanging_energy_J;                        // J, peak of their kinetic energy
   std::optional<double> max_energy_growth;     // share of the peak, while device and tools rest; none: 0.01
   std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
+  bool contact_expected = true;                // a run in which no tool touches the tissue fails
+  std::vector<MeasureBounds> measures;
 };
 
 struct ShotCamera {

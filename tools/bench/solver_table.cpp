@@ -5,17 +5,18 @@
 //   0,1e3,1e4
 //
 // One row for each combination of bodies, physics, preconditioners and precisions. Error: |dv - dv*| / |dv*|
-// against the solution of the same system in double precision to 1e-12; residual: |r| / |b| in the norm of
-// the diagonal blocks. All searches start from zero. `set-up`: what the preconditioner costs once a step.
-// Times are milliseconds, medians over rounds in which all rows of one body take turns, so that a disturbance
-// meets all; the time to a target includes the set-up. "-": not reached.
+// against the solution of the same system in double precision (direct, or to 1e-12); residual: |r| / |b| in
+// the norm of the diagonal blocks. All searches start from zero. `set-up`: what the preconditioner costs once
+// a step. Times are milliseconds, medians over rounds in which all rows of one body take turns, so that a
+// disturbance meets all; the time to a target includes the set-up. "-": not reached.
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <cstdio>
+#include <ctime>
 #include <fstream>
 #include <memory>
 
 #include "engine/numerics/error.h"
+#include "engine/solver/direct.h"
 #include "tools/bench/bodies.h"
 
 namespace sulcus {
@@ -32,10 +33,14 @@ struct Options {
   std::vector<double> steps = {1.0 / 30}, ratios = {0.45}, contacts = {1e3}, stiff = {1}, moduli = {1000},
                       betas = {0.1};
   int threads = 2, rounds = 5, contact_count = 80;
+  bool processor_time = false;
 };
 
-double milliseconds(const std::chrono::steady_clock::time_point& since) {
-  return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+// Milliseconds of the wall clock, or of the processor where a busy machine is measured with one thread.
+double now_ms(bool processor_time) {
+  timespec time{};
+  clock_gettime(processor_time ? CLOCK_THREAD_CPUTIME_ID : CLOCK_MONOTONIC, &time);
+  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
 }
 
 double median(std::vector<double> values) {
@@ -102,22 +107,31 @@ void count_iterations(Row& row, const std::vector<double>& exact) {
   }
 }
 
-void take_times(Row& row) {
-  auto start = std::chrono::steady_clock::now();
+void take_times(Row& row, bool processor_time) {
+  double start = now_ms(processor_time);
   row.method->set_up();
-  row.set_up_ms.push_back(milliseconds(start));
+  row.set_up_ms.push_back(now_ms(processor_time) - start);
   for (int t = 0; t < targets; ++t) {
     if (row.iterations[t] < 0) continue;
-    start = std::chrono::steady_clock::now();
+    start = now_ms(processor_time);
     row.method->solve(0, row.iterations[t]);
-    row.solve_ms[t].push_back(milliseconds(start));
+    row.solve_ms[t].push_back(now_ms(processor_time) - start);
   }
 }
 
+// By factorisation where its memory is small, else by conjugate gradients.
 std::vector<double> exact_solution(const PressedBody& body, int threads) {
+  constexpr std::int64_t most_nodes_to_factor = 40000;
   BodySystem<double> system(body, threads);
-  const SolveResult result =
-      conjugate_gradients(system.matrix(), system.borders, 1e-12, 0.0, 20 * cap, system.solver);
+  SolveResult result;
+  if (body.sparsity.nodes <= most_nodes_to_factor) {
+    DirectSolver direct(body.sparsity);
+    if (direct.factor(system.matrix()) >= 0)
+      throw InputError(body.name + ": the matrix is not positive definite");
+    result = direct.solve(system.matrix(), system.borders, system.solver);
+  } else {
+    result = conjugate_gradients(system.matrix(), system.borders, 1e-12, 0.0, 20 * cap, system.solver);
+  }
   if (!result.converged)
     std::fprintf(stderr, "%s: the reference stopped at %g\n", body.name.c_str(), result.residual);
   return {system.solver.x.begin(), system.solver.x.end()};
@@ -132,8 +146,8 @@ std::string machine() {
 }
 
 void print_header(const Options& options) {
-  std::printf("%s, %s, %d threads, medians of %d\n\n", machine().c_str(), isa_name(widest_isa()),
-              options.threads, options.rounds);
+  std::printf("%s, %s, %d threads, medians of %d%s\n\n", machine().c_str(), isa_name(widest_isa()),
+              options.threads, options.rounds, options.processor_time ? ", processor time" : "");
   std::printf(
       "| body | tets | nodes | dt ms | E Pa | stiff | nu | beta s | k N/m | contacts | method | iterations "
       "to 1e-1 | 1e-2 | "
@@ -181,7 +195,7 @@ void measure(const Options& options, const BenchMesh& mesh, const BodySettings& 
     }
   }
   for (int round = 0; round < options.rounds; ++round) {
-    for (Row& row : rows) take_times(row);
+    for (Row& row : rows) take_times(row, options.processor_time);
   }
   for (const Row& row : rows) print_row(body, settings, row);
 }
@@ -228,8 +242,11 @@ int main(int argc, char** argv) {
   app.add_option("--contacts", options.contact_count, "number of contacts");
   app.add_option("--threads", options.threads);
   app.add_option("--rounds", options.rounds);
+  app.add_flag("--processor-time", options.processor_time, "instead of the wall clock's; one thread only");
   CLI11_PARSE(app, argc, argv);
   try {
+    if (options.processor_time && options.threads != 1)
+      throw sulcus::InputError("--processor-time: of one thread only; give --threads 1");
     sulcus::measure_all(options);
   } catch (const sulcus::InputError& error) {
     std::fprintf(stderr, "solver_table: %s\n", error.what());

@@ -174,6 +174,13 @@ TEST(House, TheEngineCallsNoFunctionOfTheMathLibrary) {
   }
 }
 
+// Its supernodal module is under the GPL (docs/licences.md).
+TEST(House, TheCommandDoesNotLinkCholmod) {
+  const std::string libraries = run("objdump -p '" SULCUS_COMMAND "' | grep NEEDED");
+  EXPECT_NE(libraries.find("libhdf5"), std::string::npos) << libraries;
+  EXPECT_EQ(libraries.find("libcholmod"), std::string::npos) << libraries;
+}
+
 TEST(House, NoFloatingPointReductionOrAtomicOfOpenMp) {
   for (const auto& entry : fs::recursive_directory_iterator(source / "engine")) {
     if (entry.path().extension() != ".cpp" && entry.path().extension() != ".h") continue;

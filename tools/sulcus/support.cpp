@@ -13,6 +13,7 @@
 #include "tools/sulcus/build_info.h"
 #include "verify/fingerprint.h"
 #include "verify/golden.h"
+#include "verify/measures.h"
 #include "verify/picture_diff.h"
 #include "verify/png.h"
 #include "verify/summary.h"
@@ -107,7 +108,7 @@ StatementBounds bounds_of(const Scenario& scenario) {
   bounds.max_displayed_force_N = scenario.checks.max_force_N;
   bounds.max_solver_error = scenario.checks.max_solver_error;
   bounds.max_final_displacement_m = scenario.checks.returns_to_rest_m;
-  bounds.contact_expected = !scenario.scene.tools.empty();
+  bounds.contact_expected = !scenario.scene.tools.empty() && scenario.checks.contact_expected;
   if (scenario.checks.max_energy_growth) bounds.max_energy_growth = scenario.checks.max_energy_growth;
   // prescribed motions and gravity do work that the statement about energies at rest does not know
   if (!scenario.motions.empty() || scenario.scene.gravity.norm() > 0) bounds.max_energy_growth.reset();
@@ -172,6 +173,15 @@ void check_peaks(const RunData& run, const Scenario& scenario, std::vector<Check
   }
 }
 
+std::vector<Measure> measures_of(const Scenario& scenario) {
+  std::vector<Measure> measures;
+  for (const MeasureBounds& m : scenario.checks.measures) {
+    measures.push_back(
+        {m.what, m.tool, m.from_s, m.to_s, m.above_Hz, m.within_rad, m.along, m.at_least, m.at_most});
+  }
+  return measures;
+}
+
 void check_pictures(const fs::path& run_dir, const fs::path& golden, const GoldenSettings& settings,
                     std::vector<Check>& checks) {
   if (!fs::is_directory(golden)) return;   // compare_golden has said so
@@ -213,7 +223,10 @@ std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const 
     bounds.contact_expected = false;
   }
   std::vector<Check> checks = check_statements(run, bounds);
-  if (!run.session) check_peaks(run, scenario, checks);
+  if (!run.session) {
+    check_peaks(run, scenario, checks);
+    for (Check& check : check_measures(run, measures_of(scenario))) checks.push_back(std::move(check));
+  }
   if (!golden.empty()) {
     const fs::path folder = golden_folder(golden, run.header.scenario_name);
     for (Check& check : compare_golden(run, folder)) checks.push_back(std::move(check));
