@@ -9,70 +9,16 @@
 
 #include "engine/numerics/error.h"
 #include "engine/volume/separation.h"
+#include "scenarios/loader/devices.h"
 #include "scenarios/loader/images.h"
+#include "scenarios/loader/read_json.h"
 #include "scenarios/loader/tools.h"
 
 namespace sulcus {
 
 namespace {
 
-using nlohmann::json;
-using Problems = std::vector<std::string>;
-
-constexpr double radians_per_degree = 3.14159265358979323846 / 180;
-constexpr double end_slack_s = 1e-9;  // s, within which a scripted device still gives its last pose
-
-// The member, or an empty object.
-const json& part(const json& object, const char* key) {
-  static const json nothing = json::object();
-  const auto member = object.find(key);
-  return member == object.end() ? nothing : *member;
-}
-
-// Replaces `value` if the key is there.
-template <class T>
-void read(const json& object, const char* key, T& value) {
-  if (const auto member = object.find(key); member != object.end()) value = member->template get<T>();
-}
-
-void read_mm(const json& object, const char* key, double& value_m) {
-  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
-}
-
-Vec3 vector(const json& array) {
-  return {array[0].get<double>(), array[1].get<double>(), array[2].get<double>()};
-}
-
-void read(const json& object, const char* key, Vec3& value) {
-  if (object.contains(key)) value = vector(object[key]);
-}
-
-void read_mm(const json& object, const char* key, Vec3& value_m) {
-  if (object.contains(key)) value_m = vector(object[key]) / 1000;
-}
-
-template <class T>
-void read(const json& object, const char* key, std::optional<T>& value) {
-  if (object.contains(key)) value = object[key].get<T>();
-}
-
-void read_mm(const json& object, const char* key, std::optional<double>& value_m) {
-  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
-}
-
-std::string text_of(double value) {
-  return json(value).dump();
-}
-
-// Runs `action`; what it refuses becomes a problem at `pointer`.
-template <class Action>
-void collect(Problems& problems, const std::string& pointer, Action&& action) {
-  try {
-    action();
-  } catch (const InputError& error) {
-    problems.push_back(pointer + ": " + error.what());
-  }
-}
+using namespace read_json;
 
 std::optional<std::int32_t> label_of_key(const std::string& key, const std::string& pointer,
                                          Problems& problems) {
@@ -247,9 +193,6 @@ NodeRegion read_region(const json& object, const std::string& pointer, Problems&
   return region;
 }
 
-ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
-                               const std::string& pointer, Problems& problems);
-
 void read_motions(const json& list, Scenario& scenario, Problems& problems) {
   std::set<std::string> names;
   for (const json& object : list) {
@@ -335,46 +278,6 @@ void read_inertia(const json& value, Mat3& inertia, const std::string& pointer, 
   }
 }
 
-// position_key: "position_mm" of a tool, "shift_mm" of nodes, whose first way-point may leave it out.
-ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
-                               const std::string& pointer, Problems& problems) {
-  ScriptedTrajectory script;
-  Waypoint waypoint;
-  Vec3 axis = Vec3::UnitZ();
-  double angle_deg = 0;
-  for (const json& object : waypoints) {
-    const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
-    const double before_s = waypoint.time_s;
-    read(object, "time_s", waypoint.time_s);
-    read_mm(object, position_key, waypoint.position_m);
-    read(object, "axis", axis);
-    read(object, "angle_deg", angle_deg);
-    const std::string path = object.value("path", "minimum_jerk");
-    waypoint.path = path == "hold" ? Path::hold : path == "linear" ? Path::linear : Path::minimum_jerk;
-    if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
-    waypoint.orientation =
-        quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
-    if (script.waypoints.empty() && std::string(position_key) == "position_mm" &&
-        !object.contains(position_key)) {
-      problems.push_back(place + ": the first way-point must have a position_mm");
-    }
-    if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
-      problems.push_back(place + "/time_s: found " + text_of(waypoint.time_s) + " s after " +
-                         text_of(before_s) + " s; times must increase");
-      return script;
-    }
-    script.waypoints.push_back(waypoint);
-  }
-  const double end_s = script.waypoints.back().time_s;
-  if (end_s + end_slack_s < run_s) {
-    problems.push_back(pointer + ": the trajectory ends at " + text_of(end_s) + " s, the run lasts " +
-                       text_of(run_s) +
-                       " s; add a way-point (path \"hold\" stays in place) or shorten /time/duration_s");
-  }
-  collect(problems, pointer, [&] { make_scripted_device(script); });
-  return script;
-}
-
 void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
   std::set<std::string> names;
   for (const json& object : tools) {
@@ -394,9 +297,9 @@ void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
     read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
     read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
     read(object, "output_filter_Hz", tool.filter_Hz);
-    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
-                                           static_cast<double>(scenario.steps()) * scenario.scene.step_s,
-                                           pointer + "/device/scripted/waypoints", problems));
+    scenario.hands.push_back(read_hand(object["device"],
+                                       static_cast<double>(scenario.steps()) * scenario.scene.step_s,
+                                       pointer + "/device", problems));
     scenario.scene.tools.push_back(std::move(tool));
   }
 }
