@@ -1,6 +1,8 @@
 #include "verify/junit.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdio>
 
 namespace sulcus {
 
@@ -49,24 +51,48 @@ std::string escaped(std::string_view text) {
   return result;
 }
 
+std::string counts_of(std::size_t tests, std::ptrdiff_t failures) {
+  return " tests=\"" + std::to_string(tests) + "\" failures=\"" + std::to_string(failures) +
+         "\" errors=\"0\" skipped=\"0\"";
+}
+
+std::ptrdiff_t failures_in(std::span<const Check> checks) {
+  return std::count_if(checks.begin(), checks.end(), [](const Check& c) { return !c.passed; });
+}
+
+std::string test_case(const Check& check) {
+  const std::string start =
+      "    <testcase classname=\"" + escaped(check.kind) + "\" name=\"" + escaped(check.name) + "\"";
+  if (check.passed) return start + "/>\n";
+  return start + ">\n      <failure message=\"" + escaped(check.detail) + "\">" + escaped(check_line(check)) +
+         "</failure>\n    </testcase>\n";
+}
+
 }  // namespace
 
-std::string junit_xml(const std::string& suite, std::span<const Check> checks) {
-  const auto failures = std::count_if(checks.begin(), checks.end(), [](const Check& c) { return !c.passed; });
-  const std::string counts = " tests=\"" + std::to_string(checks.size()) + "\" failures=\"" +
-                             std::to_string(failures) + "\" errors=\"0\" skipped=\"0\"";
-  std::string xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites" + counts + ">\n";
-  xml += "  <testsuite name=\"" + escaped(suite) + "\"" + counts + ">\n";
-  for (const Check& check : checks) {
-    xml += "    <testcase classname=\"" + escaped(check.kind) + "\" name=\"" + escaped(check.name) + "\"";
-    if (check.passed) {
-      xml += "/>\n";
-    } else {
-      xml += ">\n      <failure message=\"" + escaped(check.detail) + "\">" + escaped(check_line(check)) +
-             "</failure>\n    </testcase>\n";
-    }
+std::string junit_xml(std::span<const JunitSuite> suites) {
+  std::size_t tests = 0;
+  std::ptrdiff_t failures = 0;
+  for (const JunitSuite& suite : suites) {
+    tests += suite.checks.size();
+    failures += failures_in(suite.checks);
   }
-  return xml + "  </testsuite>\n</testsuites>\n";
+  std::string xml =
+      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites" + counts_of(tests, failures) + ">\n";
+  for (const JunitSuite& suite : suites) {
+    char time[40] = "";
+    if (suite.wall_s >= 0) std::snprintf(time, sizeof time, " time=\"%.3f\"", suite.wall_s);
+    xml += "  <testsuite name=\"" + escaped(suite.name) + "\"" +
+           counts_of(suite.checks.size(), failures_in(suite.checks)) + time + ">\n";
+    for (const Check& check : suite.checks) xml += test_case(check);
+    xml += "  </testsuite>\n";
+  }
+  return xml + "</testsuites>\n";
+}
+
+std::string junit_xml(const std::string& suite, std::span<const Check> checks) {
+  const JunitSuite only{suite, checks};
+  return junit_xml(std::span(&only, 1));
 }
 
 void write_junit(const std::filesystem::path& path, const std::string& suite, std::span<const Check> checks) {

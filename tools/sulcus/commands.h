@@ -84,13 +84,36 @@ int report_command(const ReportOptions& options);
 struct MeshOptions {
   std::filesystem::path label_map, pairs, out;
   double size_mm = 10;
+  std::string split = "five";  // or "six", tetrahedra a cell
+  std::int64_t min_island_cells = 0;
 };
 int mesh_command(const MeshOptions& options);
+
+struct ExportOptions {
+  std::filesystem::path recording;        // run.h5, or the folder of a run
+  double at_s = -1;                       // s; negative: the end
+  std::filesystem::path like;             // image to deform; empty: the run's label map
+  std::filesystem::path out;              // image, or a folder for a DICOM series
+  std::string interpolation = "nearest";  // or "linear"
+  std::string overlay;                    // "max_principal_stress", or none
+  double fill = 0;                        // of gaps and folds
+};
+int export_volume_command(const ExportOptions& options);
 
 struct GoldenOptions {
   std::filesystem::path run, golden;
 };
 int golden_command(const GoldenOptions& options);
+
+struct SuiteOptions {
+  std::string filter;               // regular expression that a part of the name fits; empty: all
+  int jobs = 0;                     // scenarios at a time; 0: as many as the machine has cores
+  std::filesystem::path out = "suite";
+  std::filesystem::path scenarios;  // folder
+  std::filesystem::path golden;     // as in VerifyOptions
+  bool force = false;               // replace what is in `out`
+};
+int suite_command(const SuiteOptions& options);
 
 int list_command(const std::filesystem::path& directory);
 

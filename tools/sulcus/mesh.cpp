@@ -96,6 +96,8 @@ int mesh_command(const MeshOptions& options) {
   }
   EmbeddingOptions embedding;
   embedding.size_m = options.size_mm * 1e-3;
+  embedding.split = options.split == "six" ? TetSplit::six : TetSplit::five;
+  embedding.min_island_cells = options.min_island_cells;
   const EmbeddingMesh mesh = build_embedding(map, pairs, embedding);
   write_file_atomically(options.out, vtu_text(mesh));
   std::printf(
@@ -109,7 +111,8 @@ int list_command(const std::filesystem::path& directory) {
   int code = 0;
   for (const ScenarioSummary& scenario : list_scenarios(directory)) {
     if (scenario.error.empty()) {
-      std::printf("%-28s %s\n", scenario.name.c_str(), scenario.title.c_str());
+      const char* note = scenario.missing.empty() ? "" : " (its optional data are not here)";
+      std::printf("%-28s %s%s\n", scenario.name.c_str(), scenario.title.c_str(), note);
     } else {
       std::printf("%-28s not valid: %s\n", scenario.path.stem().c_str(), scenario.error.c_str());
       code = 2;

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "tools/sulcus/test_command.h"
+#include "tools/sulcus/test_scenario.h"
 #include "verify/recording.h"
 
 namespace sulcus {
@@ -89,41 +90,6 @@ TEST_F(Command, CylinderRunsVerifiesReplaysAndReports) {
   EXPECT_TRUE(contains(again.output, "--force")) << again.output;
 }
 
-TEST_F(Command, TissueTearsAsInTheGoldenOutputsAndReplaysTheSame) {
-  for (const std::string name :
-       {"fracture_pull", "fracture_pull_hinges", "blunt_dissection", "brain_dissection"}) {
-    if (name == "brain_dissection" && !fs::exists(brain_map)) {
-      std::printf("%s left out: %s is missing, install the package mricron-data\n", name.c_str(), brain_map);
-      continue;
-    }
-    const Result run = command("run " + name + " --out " + out(name));
-    ASSERT_EQ(run.code, 0) << run.output;
-    const Result verify = command("verify " + out(name) + " --golden '" + (source / "golden").string() + "'");
-    EXPECT_EQ(verify.code, 0) << verify.output;
-    EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
-    EXPECT_TRUE(contains(verify.output, "torn_stays_torn")) << verify.output;
-  }
-  for (int threads : {1, 3}) {
-    const Result replay =
-        command("replay " + out("fracture_pull/run.h5") + " --threads " + std::to_string(threads));
-    EXPECT_EQ(replay.code, 0) << replay.output;
-  }
-  const Result report = command("report " + out("blunt_dissection") + " --out " + out("report.html"));
-  EXPECT_EQ(report.code, 0) << report.output;
-  EXPECT_TRUE(contains(read(folder / "report.html"), "Torn elements"));
-}
-
-TEST_F(Command, ForcedOpeningsAreAsInTheGoldenOutputs) {
-  for (const std::string name : {"letter_g", "letter_g_joined", "circle_in_ring", "four_labels",
-                                 "cylinder_opening", "cylinder_opening_gap_only"}) {
-    const Result run = command("run " + name + " --out " + out(name));
-    ASSERT_EQ(run.code, 0) << run.output;
-    const Result verify = command("verify " + out(name) + " --golden '" + (source / "golden").string() + "'");
-    EXPECT_EQ(verify.code, 0) << verify.output;
-    EXPECT_TRUE(contains(verify.output, "golden/fingerprint")) << verify.output;
-  }
-}
-
 TEST_F(Command, TissueThatTearsAllAtOnceIsExplained) {
   const Result run = command(
       "run fracture_pull --no-pictures --set /tissue/default/fracture_threshold_Pa=0.01 "
@@ -133,6 +99,7 @@ TEST_F(Command, TissueThatTearsAllAtOnceIsExplained) {
   EXPECT_EQ(run.code, 0) << run.output;
   EXPECT_TRUE(contains(run.output, "the whole tissue is torn")) << run.output;
   EXPECT_EQ(command("report " + out("run") + " --out " + out("report.html")).code, 0);
+  EXPECT_TRUE(contains(read(folder / "report.html"), "Torn elements"));
 }
 
 TEST_F(Command, ReplayNamesTheFirstDifference) {
@@ -201,10 +168,50 @@ TEST_F(Command, MeshIsAVtkFileWithThePiecesApart) {
   EXPECT_FALSE(fs::exists(folder / "m.vtu"));
 }
 
+// ---- the suite
+
+TEST_F(Command, TheSuiteNamesWhatFailsAndGoesOn) {
+  fs::create_directories(folder / "scenarios");
+  std::string tiny = test::tiny_scenario;
+  const std::string last = "{\"time_s\": 0.6, \"position_mm\": [0, 0, 27]}";
+  tiny.replace(tiny.find(last), last.size(),
+               "{\"time_s\": 0.5, \"position_mm\": [0, 0, 27]}, {\"time_s\": 0.6, \"path\": \"hold\"}");
+  std::ofstream(folder / "scenarios" / "tiny.json") << tiny;
+  std::string soft = tiny;
+  soft.replace(soft.find("\"tiny\""), 6, "\"soft\"");
+  std::ofstream(folder / "scenarios" / "soft.json") << soft;
+  std::string wrong = tiny;
+  wrong.replace(wrong.find("\"tiny\""), 6, "\"wrong\"");
+  wrong.replace(wrong.find("size_mm"), 7, "size_cm");
+  std::ofstream(folder / "scenarios" / "wrong.json") << wrong;
+  const std::string arguments =
+      "suite --scenarios " + out("scenarios") + " --golden '' --out " + out("suite");
+
+  const Result good = command(arguments + " --jobs 2 --filter '^(tiny|soft)$'");
+  EXPECT_EQ(good.code, 0) << good.output;
+  EXPECT_TRUE(contains(good.output, "2 of 2 scenarios hold")) << good.output;
+  EXPECT_TRUE(contains(read(folder / "suite" / "index.html"), "tiny/report.html"));
+  EXPECT_TRUE(contains(read(folder / "suite" / "junit.xml"), "failures=\"0\""));
+  EXPECT_TRUE(fs::exists(folder / "suite" / "tiny" / "report.html"));
+
+  EXPECT_EQ(command(arguments).code, 2) << "earlier results must not be replaced silently";
+  const Result bad = command(arguments + " --force");
+  EXPECT_EQ(bad.code, 1) << bad.output;
+  EXPECT_TRUE(contains(bad.output, "FAIL  wrong")) << bad.output;
+  EXPECT_TRUE(contains(bad.output, "PASS  tiny")) << bad.output;
+  EXPECT_TRUE(contains(read(folder / "suite" / "summary.md"), "size_cm"));
+  EXPECT_TRUE(contains(read(folder / "suite" / "junit.xml"), "failures=\"1\""));
+
+  EXPECT_EQ(command(arguments + " --force --filter nothing_is_called_so").code, 2);
+  EXPECT_EQ(command(arguments + " --force --filter '['").code, 2);
+  std::ofstream(folder / "scenarios" / "twin.json") << tiny;
+  EXPECT_TRUE(contains(command(arguments + " --force").output, "both are called \"tiny\""));
+}
+
 // ---- help
 
 TEST_F(Command, EveryCommandHasHelpWithAnExample) {
-  for (const char* name : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary"}) {
+  for (const char* name : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary", "suite"}) {
     const Result help = command(std::string(name) + " --help");
     EXPECT_EQ(help.code, 0) << name;
     EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + name)) << help.output;

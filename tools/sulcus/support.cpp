@@ -11,6 +11,7 @@
 #include "engine/numerics/error.h"
 #include "engine/numerics/isa.h"
 #include "tools/sulcus/build_info.h"
+#include "tools/sulcus/git_version.h"
 #include "verify/fingerprint.h"
 #include "verify/golden.h"
 #include "verify/measures.h"
