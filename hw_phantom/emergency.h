@@ -23,8 +23,8 @@ void stop_forces_on_signals() noexcept;
 // the others, since this one must go on to send the zero.
 void keep_signals_from_this_thread() noexcept;
 
-// While it lives, a crash of this thread (the servo's, which nobody would tick any more) calls say(user) before
-// the process ends. Not for code of the driver itself, which might be met halfway.
+// While it lives, a crash of this thread (the servo's, which nobody would tick any more) calls say(user)
+// before the process ends. Not for code of the driver itself, which might be met halfway.
 class LastWord {
  public:
   LastWord(void (*say)(void* user), void* user) noexcept;

@@ -224,9 +224,8 @@ TEST_F(Faults, LostCommunicationIsAFaultThatTheMainThreadNotices) {
 }
 
 TEST_F(Faults, EveryOtherErrorInTheServoIsAFault) {
-  for (const unsigned int code :
-       {0x0100u, 0x0102u, 0x0103u, 0x0104u, 0x0300u, 0x0303u, 0x0304u, 0x0400u, 0x0401u, 0x0402u, 0x0600u,
-        0x0999u}) {
+  for (const unsigned int code : {0x0100u, 0x0102u, 0x0103u, 0x0104u, 0x0300u, 0x0303u, 0x0304u, 0x0400u,
+                                  0x0401u, 0x0402u, 0x0600u, 0x0999u}) {
     SCOPED_TRACE(code);
     SetUp();
     arm();

@@ -206,9 +206,8 @@ void Phantom::calibrate() {
   const auto reached = [&] {
     return servo_->reached.load(std::memory_order_acquire) == ServoMode::calibrate;
   };
-  wait(settings_.calibration_timeout_s, [&] {
-    return servo_->faulted.load(std::memory_order_acquire) || forces_stopped() || reached();
-  });
+  wait(settings_.calibration_timeout_s,
+       [&] { return servo_->faulted.load(std::memory_order_acquire) || forces_stopped() || reached(); });
   if (reached() && !servo_->faulted.load()) {
     state_ = DeviceState::calibrated;
     return;

@@ -169,6 +169,7 @@ DeviceSample PhantomServo::make_sample(const Reading& reading) {
   sample.docked = status_.docked = reading.docked;
   sample.buttons = buttons_;
   sample.motor_temperature = reading.temperature;
+  sample.force_sent = direction_to_world(mount, safety_.force);  // by the frame before
   return sample;
 }
 

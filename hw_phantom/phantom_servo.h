@@ -95,8 +95,8 @@ struct PhantomServo final : hd::Servo {
   bool angular_velocity_valid_ = false;
   int raw_buttons_ = 0, raw_button_ticks_ = 0;
   std::uint32_t buttons_ = 0;
-  int invalid_run_ = 0;    // ticks without a valid sample, in a row
-  int settled_ticks_ = 0;  // since the calibration was ok
+  int invalid_run_ = 0;         // ticks without a valid sample, in a row
+  int settled_ticks_ = 0;       // since the calibration was ok
   double warm_error_s_ = -1e9;  // s, when the motors were too warm last
   bool too_warm_ = false;
   double force_error_s_[4] = {-1e9, -1e9, -1e9, -1e9};  // s, when the last ones came

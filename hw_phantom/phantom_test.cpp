@@ -228,6 +228,7 @@ TEST_F(PhantomWithStandin, ServoFunctionAnswersEveryTick) {
   struct Seen {
     int calls = 0;
     std::uint64_t last = 0;
+    Vec3 sent = Vec3::Zero();  // as the newest sample tells it
   } seen;
   device_ = make_phantom_device(manual_settings());
   EXPECT_TRUE(device_->set_servo(
@@ -235,6 +236,7 @@ TEST_F(PhantomWithStandin, ServoFunctionAnswersEveryTick) {
         auto& s = *static_cast<Seen*>(user);
         ++s.calls;
         s.last = sample.sequence;
+        s.sent = sample.force_sent;
         return DeviceCommand{{0.2, 0, 0}, Vec3::Zero(), sample.time_s + 0.005};
       },
       &seen));
@@ -247,6 +249,7 @@ TEST_F(PhantomWithStandin, ServoFunctionAnswersEveryTick) {
   EXPECT_EQ(seen.calls - before, 1000);
   EXPECT_EQ(seen.last, newest().sequence);
   EXPECT_NEAR(motor_force().x(), 0.2, 1e-12);
+  EXPECT_NEAR(seen.sent.x(), 0.2, 1e-12);
 }
 
 TEST_F(PhantomWithStandin, CloseSendsZeroAndDisablesInOrder) {

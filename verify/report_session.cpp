@@ -73,7 +73,7 @@ std::string session_section(const RunData& run) {
       whole_number(static_cast<double>(run.steps)) + " steps missed their deadline; " +
       whole_number(number_of(run, "session_held_samples")) +
       " steps went on with an earlier sample; the recorder lost " + whole_number(lost) +
-      " records.</p>\n<table><thead><tr><th>what</th><th class=\"number\">median</th><th "
+      " records.</p>\n<table class=\"timing\"><thead><tr><th>what</th><th class=\"number\">median</th><th "
       "class=\"number\">99 % within</th><th class=\"number\">largest</th></tr></thead><tbody>\n";
   std::string charts;
   for (const Histogram& histogram : run.session->histograms) {

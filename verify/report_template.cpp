@@ -53,6 +53,7 @@ th, td { text-align: left; padding: 8px 12px; border-top: 1px solid var(--line);
   overflow-wrap: anywhere; }
 thead th { border-top: 0; color: var(--pale); font-size: .85rem; font-weight: 600; }
 th[scope=row] { font-weight: 600; }
+table.timing { margin-bottom: 12px; } th[scope=row] small { font-weight: 400; color: var(--pale); }
 td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; overflow-wrap: normal; }
 thead th.number { text-align: right; }
 td small, .note { color: var(--pale); } tr.failed { background: var(--bad-soft); }
@@ -74,6 +75,9 @@ ul.plain { padding-left: 20px; margin: 6px 0; }
   table.checks td.number::before { content: attr(data-label) ": "; color: var(--pale); }
   table.checks td.detail { grid-column: 1 / -1; } table.checks td:empty { display: none; }
   table.checks .mark { grid-row: 1; grid-column: 2; }
+  table.timing tr { display: grid; grid-template-columns: repeat(3, 1fr); }
+  table.timing th:first-child { grid-column: 1 / -1; } table.timing thead th:first-child { display: none; }
+  table.timing td { border: 0; padding-top: 0; } table.timing .number { text-align: left; }
 }
 @media print { body { background: #fff; } figure, table, .verdict { break-inside: avoid; } }
 )";

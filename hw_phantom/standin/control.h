@@ -84,8 +84,9 @@ struct Control {
   int (*inits_failed)();  // by init_error, since reset
 };
 
-// Exported as "standin_control". A program that cannot reach it sets SULCUS_STANDIN (world.cpp). With SULCUS_STANDIN_LOG set to a file, its 64 bytes are kept up to date,
-// also when the process dies: struct Log of the first device.
+// Exported as "standin_control". A program that cannot reach it sets SULCUS_STANDIN (world.cpp). With
+// SULCUS_STANDIN_LOG set to a file, its 64 bytes are kept up to date, also when the process dies: struct Log
+// of the first device.
 struct Log {
   std::uint64_t frames;
   double force_N;  // norm, in the motors now

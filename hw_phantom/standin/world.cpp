@@ -43,6 +43,7 @@ void configure(World& w, const char* text) {
       {"stall_from", [&](double v) { f.stall_from = static_cast<std::uint64_t>(v); }},
       {"stall_s", [&](double v) { f.stall_s = v; }},
       {"error", [&](double v) { f.error = static_cast<unsigned int>(v); }},
+      {"error_internal", [&](double v) { f.error_internal = static_cast<int>(v); }},
       {"error_from", [&](double v) { f.error_from = static_cast<std::uint64_t>(v); }},
       {"error_every", [&](double v) { f.error_every = static_cast<std::uint64_t>(v); }},
   };

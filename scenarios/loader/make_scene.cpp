@@ -267,7 +267,7 @@ void check_labels(const Scenario& scenario, const LabelMap& map, std::vector<std
 // A tool that starts inside the tissue is pushed out at once.
 void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vector<std::string>& warnings) {
   for (std::size_t number = 0; number < scenario.scene.tools.size(); ++number) {
-    const Waypoint& start = scenario.scripts[number].waypoints.front();
+    const Waypoint& start = scenario.hands[number].script.waypoints.front();
     const Mat3 rotation = rotation_matrix(start.orientation);
     std::size_t inside = 0;
     for (const Vec3& vertex : scenario.scene.tools[number].surface.vertices) {

@@ -9,6 +9,7 @@
 
 #include "engine/numerics/error.h"
 #include "engine/volume/separation.h"
+#include "scenarios/loader/devices.h"
 #include "scenarios/loader/images.h"
 #include "scenarios/loader/parse_json.h"
 #include "scenarios/loader/parse_tools.h"

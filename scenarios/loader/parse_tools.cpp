@@ -4,14 +4,13 @@
 #include <cmath>
 #include <set>
 
+#include "scenarios/loader/devices.h"
 #include "scenarios/loader/parse_json.h"
 #include "scenarios/loader/tools.h"
 
 namespace sulcus {
 
 namespace {
-
-constexpr double end_slack_s = 1e-9;  // s, within which a scripted device still gives its last pose
 
 ToolSurface read_shape(const json& object) {
   if (object.contains("retractor")) {
@@ -86,45 +85,6 @@ void read_law(const json& object, ContactLaw& law) {
 
 }  // namespace
 
-ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
-                               const std::string& pointer, Problems& problems) {
-  ScriptedTrajectory script;
-  Waypoint waypoint;
-  Vec3 axis = Vec3::UnitZ();
-  double angle_deg = 0;
-  for (const json& object : waypoints) {
-    const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
-    const double before_s = waypoint.time_s;
-    read(object, "time_s", waypoint.time_s);
-    read_mm(object, position_key, waypoint.position_m);
-    read(object, "axis", axis);
-    read(object, "angle_deg", angle_deg);
-    const std::string path = object.value("path", "minimum_jerk");
-    waypoint.path = path == "hold" ? Path::hold : path == "linear" ? Path::linear : Path::minimum_jerk;
-    if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
-    waypoint.orientation =
-        quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
-    if (script.waypoints.empty() && std::string(position_key) == "position_mm" &&
-        !object.contains(position_key)) {
-      problems.push_back(place + ": the first way-point must have a position_mm");
-    }
-    if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
-      problems.push_back(place + "/time_s: found " + text_of(waypoint.time_s) + " s after " +
-                         text_of(before_s) + " s; times must increase");
-      return script;
-    }
-    script.waypoints.push_back(waypoint);
-  }
-  const double end_s = script.waypoints.back().time_s;
-  if (end_s + end_slack_s < run_s) {
-    problems.push_back(pointer + ": the trajectory ends at " + text_of(end_s) + " s, the run lasts " +
-                       text_of(run_s) +
-                       " s; add a way-point (path \"hold\" stays in place) or shorten /time/duration_s");
-  }
-  collect(problems, pointer, [&] { make_scripted_device(script); });
-  return script;
-}
-
 void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
   std::set<std::string> names;
   for (const json& object : tools) {
@@ -146,9 +106,9 @@ void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
     read(object, "output_filter_Hz", tool.filter_Hz);
     read(object["device"], "max_force_N", tool.max_force_N);
     read(object["device"], "max_torque_N_m", tool.max_torque_N_m);
-    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
-                                           static_cast<double>(scenario.steps()) * scenario.scene.step_s,
-                                           pointer + "/device/scripted/waypoints", problems));
+    scenario.hands.push_back(read_hand(object["device"],
+                                       static_cast<double>(scenario.steps()) * scenario.scene.step_s,
+                                       pointer + "/device", problems));
     scenario.scene.tools.push_back(std::move(tool));
   }
 }

@@ -55,9 +55,16 @@ Scenario load_scenario(const std::filesystem::path& path, const std::vector<std:
   return scenario;
 }
 
+std::unique_ptr<Device> make_device(const ToolHand& hand) {
+  std::unique_ptr<Device> device = hand.push   ? make_push_device(*hand.push)
+                                   : hand.hand ? make_hand_device(hand.script, *hand.hand)
+                                               : make_scripted_device(hand.script);
+  return hand.faults ? make_perturbed_device(std::move(device), *hand.faults) : std::move(device);
+}
+
 std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario) {
   std::vector<std::unique_ptr<Device>> devices;
-  for (const ScriptedTrajectory& script : scenario.scripts) devices.push_back(make_scripted_device(script));
+  for (const ToolHand& hand : scenario.hands) devices.push_back(make_device(hand));
   return devices;
 }
 

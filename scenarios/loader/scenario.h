@@ -20,6 +20,8 @@
 #include <variant>
 #include <vector>
 
+#include "device_sim/hand.h"
+#include "device_sim/perturbed.h"
 #include "device_sim/scripted.h"
 #include "engine/device/device.h"
 #include "engine/numerics/error.h"
@@ -98,6 +100,14 @@ struct MeasureBounds {
   std::optional<double> at_least, at_most;  // in the unit that the name ends with; at least one is given
 };
 
+// Who moves a tool.
+struct ToolHand {
+  ScriptedTrajectory script;           // of a push: its start alone
+  std::optional<VirtualHand> hand;     // between script and tool
+  std::optional<PushScript> push;      // instead of the script
+  std::optional<Perturbation> faults;  // on top
+};
+
 // Bounds on what a run may give; an absent one is not checked.
 struct Checks {
   std::optional<double> max_penetration_m;  // m, deepest contact of any step
@@ -158,7 +168,7 @@ struct Scenario {
   std::vector<PlaneRegion> planes;
   std::vector<MotionRegion> motions;
   std::vector<std::int32_t> prevailing_labels;  // of which a cell is made if it has any voxel of them
-  std::vector<ScriptedTrajectory> scripts;      // [tools]
+  std::vector<ToolHand> hands;                  // [tools]
   double duration_s = 0;                        // s; the run has steps() steps
   int measure_error_every_steps = 0;            // 0: the solver's error is not measured
   int frame_every_steps = 1;                    // recording of the whole state
@@ -202,7 +212,8 @@ LabelMap load_label_map(const Scenario& scenario, std::vector<std::string>* note
 Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings = nullptr,
                  std::vector<std::string>* notes = nullptr);
 
-// One scripted device a tool, in the order of the tools.
+// The device of a tool; of a scenario: one a tool, in the order of the tools.
+std::unique_ptr<Device> make_device(const ToolHand& hand);
 std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario);
 
 // The schema of the format (JSON Schema draft 7), compiled in.

@@ -79,7 +79,7 @@ TEST(Scenarios, AreReadInSIUnits) {
   EXPECT_FALSE(scenario.scene.contact.tension_rule);
   EXPECT_EQ(scenario.scene.solver.precision, Precision::double_precision);
   EXPECT_EQ(scenario.scene.tools.at(0).surface.vertices.size(), 42u);
-  EXPECT_DOUBLE_EQ(scenario.scripts.at(0).waypoints.at(1).position_m[2], 0.012);
+  EXPECT_DOUBLE_EQ(scenario.hands.at(0).script.waypoints.at(1).position_m[2], 0.012);
   EXPECT_DOUBLE_EQ(scenario.checks.max_penetration_m.value(), 0.003);
   EXPECT_FALSE(scenario.checks.max_force_N.has_value());
   EXPECT_DOUBLE_EQ(scenario.pictures.shots.at(0).camera.eye_m[0], 0.1);
@@ -156,7 +156,7 @@ TEST(Overrides, SetNumbersTextsAndWholeParts) {
   EXPECT_EQ(scenario.scene.solver.tolerance, 1e-3);
   EXPECT_EQ(scenario.scene.embedding.split, TetSplit::five);
   EXPECT_TRUE(scenario.scene.pairs.contains(5, 4));
-  EXPECT_EQ(scenario.scripts[0].waypoints[1].time_s, 2);
+  EXPECT_EQ(scenario.hands[0].script.waypoints[1].time_s, 2);
   EXPECT_EQ(scenario.frame_every_steps, 7);  // a key that the file leaves out
   EXPECT_NE(scenario.resolved_json.find("\"frame_every_steps\": 7"), std::string::npos);
 }
@@ -296,7 +296,7 @@ TEST(Waypoints, KeepWhatIsLeftOut) {
     {"time_s": 0.5, "path": "hold"},
     {"time_s": 1, "angle_deg": 180, "path": "linear"}])");
   const Scenario scenario = load(document);
-  const auto& waypoints = scenario.scripts[0].waypoints;
+  const auto& waypoints = scenario.hands[0].script.waypoints;
   EXPECT_EQ(waypoints[1].position_m, waypoints[0].position_m);
   EXPECT_EQ(waypoints[2].position_m, waypoints[0].position_m);
   EXPECT_EQ(waypoints[1].path, Path::hold);

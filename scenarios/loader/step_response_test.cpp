@@ -20,7 +20,7 @@ Response respond(const std::string& name, double damping_N_m_s_rad) {
   Scenario scenario = load_scenario(std::string(SULCUS_SOURCE_DIR) + "/scenarios/" + name + ".json",
                                     {"/label_map/generate/box/voxel_size_mm=10"});  // quick to mesh
   scenario.scene.tools.resize(1);
-  scenario.scripts.resize(1);
+  scenario.hands.resize(1);
   scenario.scene.tools[0].coupling.rotational_damping_N_m_s_rad = damping_N_m_s_rad;
   const Scene scene = make_scene(scenario);
   auto devices = make_devices(scenario);

@@ -14,20 +14,62 @@ namespace sulcus {
 namespace fs = std::filesystem;
 namespace {
 
-std::vector<DeviceSample> read_devices(std::vector<std::unique_ptr<Device>>& devices, double time_s) {
-  std::vector<DeviceSample> samples(devices.size());
-  for (std::size_t d = 0; d < devices.size(); ++d) {
-    const DeviceError error = devices[d]->read(time_s, samples[d]);
-    if (error == DeviceError::ended) {
-      throw InputError("device " + std::to_string(d) + ": its trajectory has no sample for " +
-                       std::to_string(time_s) + " s; let its last way-point be at or after /time/duration_s");
+// What the tools are given at each step. A sample that is not new or not finite is replaced by the last sound
+// one, as in a session; a tool whose way is over stays where it ended.
+class Hands {
+ public:
+  explicit Hands(const Scenario& scenario) : devices_(make_devices(scenario)), told_(devices_.size(), false) {
+    for (const ToolHand& hand : scenario.hands) {
+      const Waypoint& start = hand.script.waypoints.front();
+      samples_.emplace_back();
+      samples_.back().position = start.position_m;
+      samples_.back().orientation = normalised(start.orientation);
     }
-    if (error != DeviceError::none) {
-      throw EnvironmentError("device " + std::to_string(d) + ": failed at " + std::to_string(time_s) + " s");
+    for (auto& device : devices_) {
+      device->open();
+      device->calibrate();
+      device->arm();
     }
   }
-  return samples;
-}
+
+  // False: a device has failed. What is odd is appended to events.
+  bool read(double time_s, std::vector<std::string>& events) {
+    bool held = false;
+    for (std::size_t d = 0; d < devices_.size(); ++d) {
+      const std::string name = "device " + std::to_string(d) + " (" + devices_[d]->capabilities().model + ")";
+      DeviceSample sample;
+      const DeviceError error = devices_[d]->read(time_s, sample);
+      if (error == DeviceError::fatal) {
+        events.push_back(name + " failed: it gives no more samples");
+        return false;
+      }
+      const bool sound = error == DeviceError::none && is_finite(sample);
+      if (sound) samples_[d] = sample;
+      if (!sound && !told_[d])
+        events.push_back(name + (error == DeviceError::ended
+                                     ? ": its way is over; the tool stays there"
+                                     : " gives nothing new or nothing finite; its last "
+                                       "sound sample is held"));
+      told_[d] = !sound;
+      held = held || (!sound && error != DeviceError::ended);
+    }
+    if (held) ++held_;
+    return true;
+  }
+
+  void write(std::size_t tool, const DeviceCommand& command) { devices_[tool]->write(command); }
+  void close() {
+    for (auto& device : devices_) device->close();
+  }
+  const std::vector<DeviceSample>& samples() const { return samples_; }
+  std::int64_t held() const { return held_; }  // steps with a sample held
+
+ private:
+  std::vector<std::unique_ptr<Device>> devices_;
+  std::vector<DeviceSample> samples_;
+  std::vector<bool> told_;  // [devices] since its last sound sample
+  std::int64_t held_ = 0;
+};
 
 void print_warnings(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
@@ -65,12 +107,7 @@ int run_command(const RunOptions& options) {
   const fs::path path = find_scenario(options.scenario);
   const Scenario scenario = load_scenario(path, options.overrides);
   std::vector<std::string> warnings = scenario.warnings;
-  std::vector<std::unique_ptr<Device>> devices = make_devices(scenario);
-  for (auto& device : devices) {
-    device->open();
-    device->calibrate();
-    device->arm();
-  }
+  Hands hands(scenario);
   std::vector<std::string> notes;
   const Scene scene = make_scene(scenario, &warnings, &notes);
   print_warnings(warnings);
@@ -78,7 +115,8 @@ int run_command(const RunOptions& options) {
 
   const int threads = threads_or_all(options.threads);
   const double h = scenario.scene.step_s;
-  State state = initial_state(scene, read_devices(devices, 0));
+  bool device_failed = !hands.read(0, notes);
+  State state = initial_state(scene, hands.samples());
   RunHeader header = recording_header(scenario, scene, options.overrides, threads);
   RunWriter writer(options.out / "run.h5", header, state);
   for (const std::string& warning : warnings) writer.add_warning(warning);
@@ -95,11 +133,15 @@ int run_command(const RunOptions& options) {
   bool torn = false;
   HangingRecord hanging;
   double precision_error = 0;
-  std::vector<std::int64_t> last_touch(devices.size(), -1);  // step
+  std::vector<std::int64_t> last_touch(scene.settings.tools.size(), -1);  // step
   {
     Progress progress(scenario.name + ": steps", steps);
-    for (std::int64_t n = 0; n < steps; ++n) {
-      const std::vector<DeviceSample> samples = read_devices(devices, static_cast<double>(n + 1) * h);
+    for (std::int64_t n = 0; n < steps && !device_failed; ++n) {
+      std::vector<std::string> events;
+      device_failed = !hands.read(static_cast<double>(n + 1) * h, events);
+      for (const std::string& event : events) writer.add_event(n, event);
+      if (device_failed) break;
+      const std::vector<DeviceSample>& samples = hands.samples();
       const int every = scenario.measure_error_every_steps;
       if (every > 0 && n % every == every - 1) {
         writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
@@ -108,10 +150,10 @@ int run_command(const RunOptions& options) {
       clock.start();
       step(scene, samples, state, report, *workspace, &clock);
       writer.write_step(samples, report, state, clock.seconds(), clock.total());
-      for (std::size_t t = 0; t < devices.size(); ++t) {
+      for (std::size_t t = 0; t < samples.size(); ++t) {
         if (report.tools[t].contacts > 0) last_touch[t] = n;
-        devices[t]->write(
-            {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
+        hands.write(
+            t, {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
       }
       if (!report.finite) {
         writer.add_event(n,
@@ -131,11 +173,12 @@ int run_command(const RunOptions& options) {
       progress.at(n + 1);
     }
   }
-  for (std::size_t t = 0; t < devices.size(); ++t) {
+  for (std::size_t t = 0; t < last_touch.size(); ++t) {
     if (last_touch[t] >= 0 && last_touch[t] + 1 < steps)
       writer.add_event(last_touch[t] + 1, scene.settings.tools[t].name + " touches nothing from here on");
   }
-  for (auto& device : devices) device->close();
+  hands.close();
+  if (hands.held() > 0) writer.set_number("held_samples", static_cast<double>(hands.held()));
   writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
   if (precision_error > 0) writer.set_number("single_precision_error", precision_error);
   if (scene.fracture) record_torn(scene, state, hanging, writer);
@@ -147,6 +190,10 @@ int run_command(const RunOptions& options) {
   std::printf("%s: %lld steps, fingerprint %s, in %s\n", scenario.name.c_str(),
               static_cast<long long>(run.steps), hex16(run.fingerprint()).c_str(),
               options.out.string().c_str());
+  if (device_failed) {
+    throw EnvironmentError(scenario.name + ": a device failed after " + std::to_string(run.steps) +
+                           " steps; what came before is recorded in " + (options.out / "run.h5").string());
+  }
   return 0;
 }
 

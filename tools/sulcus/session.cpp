@@ -57,7 +57,7 @@ std::vector<DeviceSample> take_hands(const Scenario& scenario, const std::vector
     samples.push_back(first_sample(*hands[h]));
     placements.emplace_back();
     if (!devices[h].place_at_tool) continue;
-    const Waypoint& start = scenario.scripts[h].waypoints.front();
+    const Waypoint& start = scenario.hands[h].script.waypoints.front();
     placements[h] = placement_for(samples[h], start.position_m, normalised(start.orientation));
     samples[h] = placed(placements[h], samples[h]);
   }

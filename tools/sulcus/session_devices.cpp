@@ -124,9 +124,11 @@ PhantomSettings phantom_settings(const PhantomOptions& options) {
 std::vector<SessionDevice> make_session_devices(const SessionOptions& options, const Scenario& scenario) {
   const std::size_t tool = tool_named(options, scenario);
   std::vector<SessionDevice> devices;
-  for (const ScriptedTrajectory& script : scenario.scripts) {
-    auto device = options.hand.empty() ? make_scripted_device(script)
-                                       : make_hand_device(script, hand_named(options.hand));
+  for (ToolHand hand : scenario.hands) {
+    if (!options.hand.empty() && hand.push)
+      throw InputError("--hand: the scenario's tool pushes until it feels a force; that is a hand already");
+    if (!options.hand.empty()) hand.hand = hand_named(options.hand);
+    auto device = make_device(hand);
     devices.push_back({std::move(device), options.device == "scripted", false});
   }
   if (options.device != "scripted" && !options.hand.empty())

@@ -19,12 +19,6 @@ extern "C" void interrupt(int) {
   interrupt_came = 1;
 }
 
-bool is_finite(const DeviceSample& s) {
-  const Quaternion& q = s.orientation;
-  return s.position.allFinite() && s.linear_velocity.allFinite() && s.angular_velocity.allFinite() &&
-         std::isfinite(q.s + q.x + q.y + q.z);
-}
-
 // What the engine gets of the devices at one moment.
 class Consumer {
  public:

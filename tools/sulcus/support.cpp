@@ -252,6 +252,12 @@ void Progress::at(std::int64_t done) {
                static_cast<long long>(total_), std::chrono::duration<double>(now - start_).count());
 }
 
+bool is_finite(const DeviceSample& s) {
+  const Quaternion& q = s.orientation;
+  return s.position.allFinite() && s.linear_velocity.allFinite() && s.angular_velocity.allFinite() &&
+         std::isfinite(q.s + q.x + q.y + q.z);
+}
+
 RunHeader recording_header(const Scenario& scenario, const Scene& scene,
                            const std::vector<std::string>& overrides, int threads) {
   RunHeader header = make_run_header(scene);

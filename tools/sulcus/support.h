@@ -20,6 +20,9 @@ std::map<std::string, std::string> build_provenance();
 
 // Header of a recording: mesh and tools of the scene, the scenario with its overrides and the hashes of its
 // files.
+// Pose and velocities.
+bool is_finite(const DeviceSample& sample);
+
 RunHeader recording_header(const Scenario& scenario, const Scene& scene,
                            const std::vector<std::string>& overrides, int threads);
 std::filesystem::path find_scenario(const std::string& name_or_path);

@@ -1,0 +1,19 @@
+// Who moves the tools of a scenario: JSON -> scripts, hands, pushes, faults.
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include "scenarios/loader/scenario.h"
+
+namespace sulcus {
+
+// Way-points, checked; what is wrong is appended to problems. position_key: "position_mm" of a tool,
+// "shift_mm" of nodes, whose first way-point may leave it out. run_s: the trajectory must not end before.
+ScriptedTrajectory read_script(const nlohmann::json& waypoints, const char* position_key, double run_s,
+                               const std::string& pointer, std::vector<std::string>& problems);
+
+// The "device" of a tool.
+ToolHand read_hand(const nlohmann::json& device, double run_s, const std::string& pointer,
+                   std::vector<std::string>& problems);
+
+}  // namespace sulcus
