@@ -151,6 +151,7 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     StepReport report;
     report.tools.resize(header.tool_names.size());
     report.motion_forces.resize(header.motion_names.size());
+    report.plane_forces.resize(header.plane_count);
     if (header.fractures) report.fracture.emplace();
     const std::array<double, stage_count> no_times{};
     for_each_step_series(
@@ -206,6 +207,7 @@ void make_step_row(const RunHeader& header, const StepReport& report, const Stat
                    std::span<const double> stage_s, double total_s, StepRow& row) {
   assert(stage_s.size() == static_cast<std::size_t>(stage_count));
   assert(report.motion_forces.size() == header.motion_names.size());
+  assert(report.plane_forces.size() == header.plane_count);
   assert(report.fracture.has_value() == header.fractures);
   row.numbers.clear();
   for_each_step_series(report, state, header.rest_positions, stage_s, total_s,

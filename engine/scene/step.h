@@ -57,6 +57,7 @@ struct StepReport {
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
   std::vector<Vec3> motion_forces;         // [motions] N, that the nodes of the path exert on the tissue
+  std::vector<Vec3> plane_forces;          // [planes] N, on the nodes that slide on them, across the planes
   std::optional<FractureReport> fracture;  // in scenes that fracture
 };
 

@@ -55,6 +55,7 @@ struct Workspace {
   AliveView view;                         // of scenes that fracture or touch by nodes
   FractureScratch fracture;               // of scenes that fracture
   std::vector<Vec3> motion_forces;        // [motions] N
+  std::vector<Vec3> plane_forces;         // [planes] N
 };
 
 template <class Real>
