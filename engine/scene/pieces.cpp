@@ -155,9 +155,10 @@ std::string explain_failure(const Scene& scene, std::span<const DeviceSample> sa
     const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[n]);
     return numbers->system.diagonal[slot / 16 * 144 + 16 * (3 * i + j) + slot % 16];
   };
+  constexpr double most = 1e150;  // squares of more overflow
   node = first_node(scene, [&](std::size_t n, std::size_t d) {
-    return !std::isfinite(numbers->solver.b[solver_entry(scene, static_cast<std::int32_t>(n), d)]) ||
-           !std::isfinite(block(n, d, d));
+    return !(std::fabs(numbers->solver.b[solver_entry(scene, static_cast<std::int32_t>(n), d)]) < most) ||
+           !(std::fabs(block(n, d, d)) < most);
   });
   if (node >= 0) return "a force or a stiffness is not finite" + in_piece(node);
   node = first_node(scene, [&](std::size_t n, std::size_t d) {

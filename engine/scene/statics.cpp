@@ -319,12 +319,12 @@ StaticReport solve_static(const Scene& scene, const StaticSettings& settings, st
   Problem problem(scene, settings, state, threads);
   std::fill(state.velocities.begin(), state.velocities.end(), 0.0);
   problem.evaluate();
-  // a rounding error of every coordinate, times the stiffest node
+  // some rounding errors of the coordinates, times the stiffest node
   problem.finish_matrix();
   double stiffest = 0, farthest = 0;
   for (double k : problem.system.diagonal) stiffest = std::fmax(stiffest, std::fabs(k));
   for (double x : state.positions) farthest = std::fmax(farthest, std::fabs(x));
-  problem.rounding_N = 1e-16 * stiffest * farthest;
+  problem.rounding_N = 1e-14 * stiffest * farthest;
 
   go_to(to, settings.load_step_cells * shortest_edge(scene), problem, report);
   report.balance = problem.balance();
