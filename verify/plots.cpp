@@ -1,21 +1,12 @@
 #include "verify/plots.h"
 
-#include <fcntl.h>
-#include <spawn.h>
-#include <sys/wait.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <sstream>
 
 #include "engine/numerics/error.h"
-
-extern char** environ;
+#include "verify/gnuplot.h"
 
 namespace sulcus {
 namespace {
@@ -27,40 +18,6 @@ constexpr const char* colours[] = {"#3f8fd6", "#e5892a", "#33a07a", "#c65a93", "
 // Stands for the page's own text colour until the text is there.
 constexpr const char* ink = "#123456";
 constexpr const char* ink_in_svg[] = {"rgb(18,52,86)", "rgb( 18,  52,  86)"};
-
-struct TemporaryFolder {
-  std::filesystem::path path;
-  TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "sulcus-chart-XXXXXX").string();
-    if (!mkdtemp(pattern.data())) {
-      throw EnvironmentError("no folder can be made in " + std::filesystem::temp_directory_path().string() +
-                             " for a chart; set TMPDIR to a place with free space");
-    }
-    path = pattern;
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-};
-
-std::string quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) {
-    if (c == '\'') out += '\'';
-    out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-  }
-  return out + "'";
-}
-
-std::string number(double value) {
-  if (!std::isfinite(value)) return "NaN";
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.7g", value);
-  return text;
-}
 
 // The same columns for all curves: of each column, the place with the largest pile. So every pile shown is
 // one that was.
@@ -126,7 +83,7 @@ std::string axis_ranges(const Chart& chart, Range x, Range y) {
     x.low -= 0.5;
     x.high += 0.5;
   }
-  out << "set xrange [" << number(x.low) << ":" << number(x.high) << "]\n";
+  out << "set xrange [" << gnuplot_number(x.low) << ":" << gnuplot_number(x.high) << "]\n";
   if (chart.log_y) {
     // Whole decades.
     double low = std::floor(std::log10(y.low)), high = std::ceil(std::log10(y.high));
@@ -135,7 +92,8 @@ std::string axis_ranges(const Chart& chart, Range x, Range y) {
   } else {
     const double low = std::min(0.0, y.low), high = std::max(0.0, y.high);
     const double room = high > low ? 0.06 * (high - low) : 1;
-    out << "set yrange [" << number(low < 0 ? low - room : 0) << ":" << number(high + room) << "]\n";
+    out << "set yrange [" << gnuplot_number(low < 0 ? low - room : 0) << ":" << gnuplot_number(high + room)
+        << "]\n";
   }
   return out.str();
 }
@@ -147,21 +105,21 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
       << "set border 3 front lc rgb '" << ink << "' lw 0.7\n"
       << "set tics nomirror scale 0.5 tc rgb '" << ink << "'\n"
       << "set grid ytics lt 1 lc rgb '#B0808080' lw 0.7\n"
-      << "set xlabel " << quoted(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
-      << "set ylabel " << quoted(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
+      << "set xlabel " << gnuplot_text(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
+      << "set ylabel " << gnuplot_text(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
       << "set xtics autofreq\nset style fill solid 0.85 noborder\n"
       << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 maxcols 4 font ',12' tc "
          "rgb '"
       << ink << "'\n"
       << axis_ranges(chart, x, y);
   if (chart.has_bound) {
-    out << "set arrow from graph 0, first " << number(chart.bound) << " to graph 1, first "
-        << number(chart.bound) << " nohead dt 2 lw 1.3 lc rgb '#d04545' front\n";
+    out << "set arrow from graph 0, first " << gnuplot_number(chart.bound) << " to graph 1, first "
+        << gnuplot_number(chart.bound) << " nohead dt 2 lw 1.3 lc rgb '#d04545' front\n";
   }
   for (std::size_t c = 0; c < drawn.size(); ++c) {
     out << "$c" << c << " << EOD\n";
     for (std::size_t i = 0; i < drawn[c].x.size(); ++i) {
-      out << number(drawn[c].x[i]) << ' ' << number(drawn[c].y[i]) << '\n';
+      out << gnuplot_number(drawn[c].x[i]) << ' ' << gnuplot_number(drawn[c].y[i]) << '\n';
     }
     out << "EOD\n";
   }
@@ -178,48 +136,10 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
     out << (i == 0 ? "plot " : ", ") << "$c" << c << " using 1:2" << style(c) << " notitle";
   }
   for (std::size_t c = 0; c < drawn.size(); ++c) {
-    if (!drawn[c].name.empty()) out << ", keyentry" << style(c) << " title " << quoted(drawn[c].name);
+    if (!drawn[c].name.empty()) out << ", keyentry" << style(c) << " title " << gnuplot_text(drawn[c].name);
   }
   out << "\n";
   return out.str();
-}
-
-std::string read_all(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-std::string run_gnuplot(const std::string& script_text) {
-  const TemporaryFolder folder;
-  const std::string script_path = folder.path / "chart.gp", out = folder.path / "chart.svg",
-                    messages = folder.path / "messages";
-  std::ofstream(script_path) << script_text;
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_addopen(&actions, 1, out.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-  posix_spawn_file_actions_addopen(&actions, 2, messages.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-  // -d: the user's own gnuplot settings do not change our charts.
-  std::string program = "gnuplot", defaults = "-d", file = script_path;
-  char* arguments[] = {program.data(), defaults.data(), file.data(), nullptr};
-  pid_t child = 0;
-  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (failed != 0) {
-    throw EnvironmentError(std::string("gnuplot, which draws the report's charts, cannot be started (") +
-                           std::strerror(failed) + "); install it (Debian: gnuplot-nox)");
-  }
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  std::string svg = read_all(out);
-  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || svg.find("</svg>") == std::string::npos) {
-    throw EnvironmentError("gnuplot could not draw a chart: " + read_all(messages) +
-                           "; expected gnuplot 5.2 or later with the svg terminal");
-  }
-  return svg;
 }
 
 void replace_all(std::string& text, const std::string& from, const std::string& to) {
@@ -327,7 +247,7 @@ std::string chart_svg(const Chart& chart) {
            "</title><text x=\"260\" y=\"34\" text-anchor=\"middle\" fill=\"currentColor\" opacity=\"0.6\" "
            "font-family=\"sans-serif\" font-size=\"13\">nothing recorded</text></svg>";
   }
-  return fit_for_page(run_gnuplot(script(chart, drawn, x, y)), chart.title);
+  return fit_for_page(draw_with_gnuplot(script(chart, drawn, x, y)), chart.title);
 }
 
 }  // namespace sulcus

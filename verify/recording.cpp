@@ -12,6 +12,7 @@ RunHeader make_run_header(const Scene& scene) {
   for (const PrescribedMotion& motion : scene.settings.motions) header.motion_names.push_back(motion.name);
   for (const Obstacle& obstacle : scene.settings.obstacles) header.obstacle_names.push_back(obstacle.name);
   header.ledger = scene.settings.ledger;
+  header.plane_count = scene.plane_count;
   header.fractures = scene.fracture != nullptr;
   header.rest_positions.reserve(3 * scene.mesh.rest_positions.size());
   for (const Vec3& position : scene.mesh.rest_positions)

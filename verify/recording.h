@@ -32,6 +32,7 @@ struct RunHeader {
   std::vector<std::string> tool_names;      // [tools]
   std::vector<std::string> motion_names;    // [motions]; with fractures, says which series there are
   std::vector<std::string> obstacle_names;  // [obstacles]
+  std::size_t plane_count = 0;              // not read back: series planes/... tell
   bool ledger = false;                      // whether there are series energy/..., likewise
   bool fractures = false;                   // not read back: a series fracture/... tells
   std::vector<double> rest_positions;       // [3*nodes], m
@@ -52,8 +53,9 @@ RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; th
 //   tissue/alive_tets
 //   fracture/by_criterion  by_avoidance  detached  passes  margin  lost_volume_m3       (scenes that
 //   fracture) motions/<i>/force_N [3]                                                             (of nodes
-//   on paths) stage/<contacts|assembly|solve|update|fracture>_s  stage/total_s      wall clock, from the
-//   caller tools/<i>/contact_force_N [3]   contact_torque_N_m [3]  tissue_force_N [3]       (i from 0)
+//   on paths) planes/<i>/force_N [3]  (on the nodes that slide on them)
+//   stage/<contacts|assembly|solve|update|fracture>_s  stage/total_s      wall clock, from the caller
+//   tools/<i>/contact_force_N [3]   contact_torque_N_m [3]  tissue_force_N [3]       (i from 0)
 //             coupling_force_N [3]  coupling_torque_N_m [3] displayed_force_N [3]  displayed_torque_N_m [3]
 //             max_penetration_m  contacts  dropped_contacts  min_push_N  force_limited  sample_refused
 //             position_m [3]  orientation [4]  linear_momentum_kg_m_s [3]  angular_momentum_kg_m2_s [3]

@@ -160,6 +160,8 @@ void for_each_step_series(const StepReport& report, const State& state,
   }
   for (std::size_t m = 0; m < report.motion_forces.size(); ++m)
     vector("motions/" + std::to_string(m) + "/force_N", "N", report.motion_forces[m]);
+  for (std::size_t p = 0; p < report.plane_forces.size(); ++p)
+    vector("planes/" + std::to_string(p) + "/force_N", "N", report.plane_forces[p]);
   for (std::size_t stage = 0; stage < stage_count; ++stage)
     number("stage/" + std::string(stage_names[stage]) + "_s", "s", stage_s[stage]);
   number("stage/total_s", "s", total_s);

@@ -153,6 +153,7 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     report.tools.resize(header.tool_names.size());
     report.motion_forces.resize(header.motion_names.size());
     report.obstacles.resize(header.obstacle_names.size());
+    report.plane_forces.resize(header.plane_count);
     if (header.fractures) report.fracture.emplace();
     if (header.ledger) report.energy.emplace();
     const std::array<double, stage_count> no_times{};
@@ -210,6 +211,7 @@ void make_step_row(const RunHeader& header, const StepReport& report, const Stat
   assert(stage_s.size() == static_cast<std::size_t>(stage_count));
   assert(report.motion_forces.size() == header.motion_names.size());
   assert(report.obstacles.size() == header.obstacle_names.size());
+  assert(report.plane_forces.size() == header.plane_count);
   assert(report.fracture.has_value() == header.fractures);
   assert(report.energy.has_value() == header.ledger);
   row.numbers.clear();

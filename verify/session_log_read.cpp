@@ -23,6 +23,7 @@ void put_header(const RunHeader& header, Writer& out) {
   out.texts(header.tool_names);
   out.texts(header.motion_names);
   out.texts(header.obstacle_names);
+  out.number(static_cast<std::uint64_t>(header.plane_count));
   out.number(static_cast<std::uint8_t>(header.fractures));
   out.number(static_cast<std::uint8_t>(header.ledger));
   out.array(std::span<const double>(header.rest_positions));
@@ -47,10 +48,12 @@ RunHeader get_header(Reader& in, const std::string& place) {
   header.tool_names = in.texts();
   header.motion_names = in.texts();
   header.obstacle_names = in.texts();
+  header.plane_count = in.number<std::uint64_t>();
   header.fractures = in.number<std::uint8_t>() != 0;
   header.ledger = in.number<std::uint8_t>() != 0;
   header.rest_positions = in.array<double>();
   header.tets = in.array<std::int32_t>();
+  if (header.plane_count > header.rest_positions.size()) throw Cut{};
   header.session.emplace();
   header.session->devices = in.texts();
   if (header.session->devices.size() != header.tool_names.size()) throw Cut{};

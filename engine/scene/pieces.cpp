@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "engine/mesh/topology.h"
+#include "engine/scene/system.h"
 
 namespace sulcus {
 namespace {
@@ -106,6 +107,68 @@ std::string describe_piece(const Scene& scene, std::span<const std::uint8_t> ali
            in_mm(scene.mesh.rest_positions[static_cast<std::size_t>(node)]) + ", which belongs to no element";
   }
   return describe(all, static_cast<std::size_t>(piece));
+}
+
+namespace {
+
+constexpr const char* failure_remedy =
+    "; give a shorter time step (/time/step_s), or slower motions, or softer contacts and couplings";
+
+// The first node for which bad(n, d) holds for a direction d; -1: none.
+template <class Bad>
+std::int32_t first_node(const Scene& scene, Bad&& bad) {
+  for (std::int32_t n = 0; n < scene.node_count(); ++n) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      if (bad(static_cast<std::size_t>(n), d)) return n;
+    }
+  }
+  return -1;
+}
+
+}  // namespace
+
+std::string explain_failure(const Scene& scene, std::span<const DeviceSample> samples, const State& state) {
+  const std::span<const std::uint8_t> alive = present(scene, state);
+  const auto in_piece = [&](std::int32_t node) {
+    return " in " + describe_piece(scene, alive, node) + failure_remedy;
+  };
+  std::int32_t node = first_node(scene, [&](std::size_t n, std::size_t d) {
+    return !std::isfinite(state.positions[3 * n + d]) || !std::isfinite(state.velocities[3 * n + d]);
+  });
+  if (node >= 0) return "a position or velocity is not finite" + in_piece(node);
+  for (std::size_t t = 0; t < samples.size(); ++t) {
+    bool finite = samples[t].position.allFinite();
+    for (std::size_t i = 0; i < 7; ++i) finite = finite && std::isfinite(state.tool_poses[7 * t + i]);
+    for (std::size_t i = 0; i < 6; ++i) finite = finite && std::isfinite(state.tool_momenta[6 * t + i]);
+    if (!finite) {
+      return "the pose, momentum or sample of tool \"" + scene.settings.tools[t].name + "\" is not finite" +
+             failure_remedy;
+    }
+  }
+  // the tissue's system once more
+  State copy = state;
+  WorkspacePtr workspace = make_workspace(scene, 1);
+  if (scene.fracture) update(scene, state.alive, workspace->view);
+  const auto numbers = make_numbers<double>(scene, 1, widest_isa());
+  assemble_and_solve(scene, samples, copy, *numbers, *workspace, nullptr, 1e-3, 0);
+  const auto block = [&](std::size_t n, std::size_t i, std::size_t j) {
+    const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[n]);
+    return numbers->system.diagonal[slot / 16 * 144 + 16 * (3 * i + j) + slot % 16];
+  };
+  constexpr double most = 1e150;  // squares of more overflow
+  node = first_node(scene, [&](std::size_t n, std::size_t d) {
+    return !(std::fabs(numbers->solver.b[solver_entry(scene, static_cast<std::int32_t>(n), d)]) < most) ||
+           !(std::fabs(block(n, d, d)) < most);
+  });
+  if (node >= 0) return "a force or a stiffness is not finite" + in_piece(node);
+  node = first_node(scene, [&](std::size_t n, std::size_t d) {
+    const std::size_t e = (d + 1) % 3;
+    return scene.free_node[n] &&
+           !(block(n, d, d) > 0 && block(n, d, d) * block(n, e, e) > block(n, d, e) * block(n, d, e));
+  });
+  if (node >= 0) return "the matrix is not positive definite" + in_piece(node);
+  return std::string("the matrix was not positive definite, or a tool's part of it not finite") +
+         failure_remedy;
 }
 
 std::vector<std::string> loose_pieces(const Scene& scene, std::span<const std::uint8_t> alive) {

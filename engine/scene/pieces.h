@@ -20,4 +20,8 @@ std::string describe_piece(const Scene& scene, std::span<const std::uint8_t> ali
 // empty if every piece is held. Held nodes, springs and planes hold; mass does not.
 std::vector<std::string> loose_pieces(const Scene& scene, std::span<const std::uint8_t> alive);
 
+// Why a step from this state fails (StepReport::finite is false): what is not finite, or where the matrix is
+// not positive definite, in which piece of the mesh, and the remedy. samples: one a tool. Slow; for reports.
+std::string explain_failure(const Scene& scene, std::span<const DeviceSample> samples, const State& state);
+
 }  // namespace sulcus

@@ -47,7 +47,7 @@ void expect_loose(SceneDescription d, const std::string& words) {
       << loose[0];
   EXPECT_NE(loose[0].find("/boundary/fixed"), std::string::npos);
   State state = initial_state(scene, {});
-  EXPECT_THROW(solve_static(scene, {}, state, 1), InputError);
+  EXPECT_THROW(solve_static(scene, {}, 0, state, 1), InputError);
 }
 
 TEST(Pieces, ThatNothingHoldsAreLoose) {
@@ -80,6 +80,42 @@ TEST(Pieces, OnSpringsOrPathsAreHeld) {
   for (std::int32_t node : nodes_at(d, 0.05)) d.springs.push_back({node, 1, 0});
   const Scene scene = build(std::move(d));
   EXPECT_TRUE(loose_pieces(scene, {}).empty());
+}
+
+TEST(Failure, NamesThePieceWhereANumberIsNotFinite) {
+  SceneDescription d = two_blocks();
+  d.fixed_nodes = nodes_at(d, 0);
+  const std::int32_t right = nodes_at(d, 0.05).front();
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, {});
+  state.velocities[3 * static_cast<std::size_t>(right)] = std::nan("");
+  const std::string place = "in piece 2 of 2 of the mesh (8 cells around (40, 10, 10) mm)";
+  EXPECT_NE(explain_failure(scene, {}, state).find("velocity is not finite " + place), std::string::npos);
+  // a position so far away that its forces overflow
+  state = initial_state(scene, {});
+  state.positions[3 * static_cast<std::size_t>(right)] = 1e306;
+  WorkspacePtr workspace = make_workspace(scene, 1);
+  StepReport report = make_report(scene);
+  State after = state;
+  step(scene, {}, after, report, *workspace);
+  EXPECT_FALSE(report.finite);
+  const std::string why = explain_failure(scene, {}, state);
+  EXPECT_NE(why.find("a force or a stiffness is not finite " + place), std::string::npos) << why;
+  EXPECT_NE(why.find("/time/step_s"), std::string::npos) << why;
+}
+
+TEST(Failure, OfANodeWithoutElementsIsRefusedWithItsPlace) {
+  SceneDescription d = two_blocks();
+  EmbeddingMesh mesh = build_embedding(d.map, d.pairs, d.embedding);
+  mesh.rest_positions.emplace_back(0.1, 0.2, 0.3);
+  try {
+    build_scene(std::move(d), std::move(mesh));
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("(100.000000, 200.000000, 300.000000) mm belongs to no element"),
+              std::string::npos)
+        << error.what();
+  }
 }
 
 }  // namespace

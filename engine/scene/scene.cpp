@@ -94,6 +94,8 @@ void check(const SceneDescription& d, std::int64_t nodes) {
   for (const SlidingNode& sliding : d.sliding) {
     check_node(sliding.node);
     if (sliding.axis < 0 || sliding.axis > 2) refuse("the axis of a sliding node", sliding.axis, "0, 1 or 2");
+    if (sliding.plane < 0 || sliding.plane >= nodes)
+      refuse("the plane of a sliding node", sliding.plane, "a number from 0 on");
   }
   std::vector<std::uint8_t> taken(static_cast<std::size_t>(nodes), 0);
   for (std::int32_t node : d.fixed_nodes) taken[static_cast<std::size_t>(node)] = 1;
@@ -207,6 +209,14 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   if (d.filling == ElementFilling::shares) content = content_of(tet_shares(d.map, scene.mesh), number);
   scene.elements =
       build_elements(scene.mesh, materials, material_of_tet, d.damping, content ? &*content : nullptr);
+  for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
+    if (scene.elements.incident_start[n] == scene.elements.incident_start[n + 1]) {
+      const Vec3& x = scene.mesh.rest_positions[n];
+      throw InputError("scene: node " + std::to_string(n) + " at (" + std::to_string(1e3 * x[0]) + ", " +
+                       std::to_string(1e3 * x[1]) + ", " + std::to_string(1e3 * x[2]) +
+                       ") mm belongs to no element, so nothing holds it; leave it out of the mesh");
+    }
+  }
   scene.sparsity = build_sparsity(scene.mesh);
 
   scene.free_node.assign(scene.mesh.rest_positions.size(), 1);
@@ -214,6 +224,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   if (!d.sliding.empty()) scene.keeps.assign(scene.free_node.size(), {0, 0, 0});
   for (const SlidingNode& sliding : d.sliding) {
     scene.keeps[static_cast<std::size_t>(sliding.node)][static_cast<std::size_t>(sliding.axis)] = 1;
+    scene.plane_count = std::max(scene.plane_count, static_cast<std::size_t>(sliding.plane) + 1);
   }
   for (const PrescribedMotion& motion : d.motions) {
     for (std::int32_t node : motion.nodes) scene.free_node[static_cast<std::size_t>(node)] = 0;

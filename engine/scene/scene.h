@@ -37,7 +37,8 @@ struct NodeForce {
 // A node that keeps its coordinate along one of the world's axes, and is free along the others.
 struct SlidingNode {
   std::int32_t node = 0;
-  int axis = 0;  // 0..2
+  int axis = 0;            // 0..2
+  std::int32_t plane = 0;  // number of the plane that it slides on, for the plane's force; >= 0
 };
 
 struct Tool {
@@ -97,7 +98,7 @@ struct SceneDescription {
   std::vector<std::int32_t> fixed_nodes;  // held at rest
   std::vector<NodeSpring> springs;        // to the rest position
   std::vector<NodeForce> forces;          // on nodes; several on one node add up
-  std::vector<SlidingNode> sliding;       // in planes; a node may be named for several axes
+  std::vector<SlidingNode> sliding;       // in planes; a node may be named for several axes, once for each
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
   std::vector<Obstacle> obstacles;
@@ -124,6 +125,7 @@ struct Scene {
   std::vector<double> filter_alpha;                // [tools]
   std::vector<std::uint8_t> free_node;             // [nodes] 1: moves, 0: held at rest or on a path
   std::vector<std::array<std::uint8_t, 3>> keeps;  // [nodes] 1: keeps its coordinate; empty: none does
+  std::size_t plane_count = 0;                     // one more than the largest SlidingNode::plane
   double total_mass_kg = 0;                        // kg, of the tissue
 
   MeshStars stars() const { return {mesh.tets, elements.incident_start, elements.incident}; }

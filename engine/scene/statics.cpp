@@ -230,20 +230,25 @@ bool balance_forces(Problem& problem, std::vector<double>& step, StaticReport& r
   return problem.balance() <= settings.tolerance;
 }
 
-// Ways of the nodes on paths from where they are to where they shall be, [3*nodes] m; the longest in edges.
-std::vector<double> ways(const Scene& scene, const State& state) {
-  std::vector<double> way(state.positions.size(), 0.0);
+// Ways of the nodes on paths from where they are to where they shall be at a step.
+struct Ways {
+  std::vector<double> way;  // [3*nodes] m
+  double longest_m = 0;
+};
+Ways ways(const Scene& scene, const State& state, std::int64_t step) {
+  Ways found{std::vector<double>(state.positions.size(), 0.0)};
   for (const PrescribedMotion& motion : scene.settings.motions) {
-    const auto& place = motion.path[std::min(static_cast<std::size_t>(state.step), motion.path.size() - 1)];
+    const auto& place = motion.path[std::min(static_cast<std::size_t>(step), motion.path.size() - 1)];
     const Mat3 turn = rotation_matrix(place.turn);
     for (std::int32_t node : motion.nodes) {
       const Vec3 rest = scene.mesh.rest_positions[static_cast<std::size_t>(node)] - motion.centre;
       const Vec3 to = motion.centre + turn * rest + place.shift - node_vector(state.positions, node);
       for (int d = 0; d < 3; ++d)
-        way[3 * static_cast<std::size_t>(node) + static_cast<std::size_t>(d)] = to[d];
+        found.way[3 * static_cast<std::size_t>(node) + static_cast<std::size_t>(d)] = to[d];
+      found.longest_m = std::fmax(found.longest_m, to.norm());
     }
   }
-  return way;
+  return found;
 }
 
 double shortest_edge(const Scene& scene) {
@@ -264,12 +269,44 @@ void sum_reactions(const Problem& problem, StaticReport& report) {
     for (std::int32_t node : motion.nodes) sum += node_vector(problem.forces, node);
     report.motion_forces.push_back(sum);
   }
+  report.plane_forces.assign(problem.scene.plane_count, Vec3::Zero());
+  for (const SlidingNode& sliding : d.sliding) {
+    if (!problem.scene.free_node[static_cast<std::size_t>(sliding.node)]) continue;
+    report.plane_forces[static_cast<std::size_t>(sliding.plane)][sliding.axis] +=
+        node_vector(problem.forces, sliding.node)[sliding.axis];
+  }
+}
+
+// Goes along the paths to step `to`, a stretch of them at a time.
+void go_to(std::int64_t to, double longest_m, Problem& problem, StaticReport& report) {
+  const Scene& scene = problem.scene;
+  State& state = problem.state;
+  std::vector<double> step(state.positions.size(), 0.0);
+  do {
+    std::int64_t next = scene.settings.motions.empty() ? to : std::min(to, state.step + 1);
+    Ways found = ways(scene, state, next);
+    while (next < to) {
+      Ways farther = ways(scene, state, next + 1);
+      if (farther.longest_m > longest_m) break;
+      found = std::move(farther);
+      ++next;
+    }
+    const double parts = std::fmax(1.0, std::ceil(found.longest_m / longest_m - 1e-9));
+    for (int k = 0; k < static_cast<int>(parts); ++k) {
+      follow_paths(problem, found.way, 1 / parts, step, report);
+      report.converged = balance_forces(problem, step, report);
+      ++report.load_steps;
+      if (!report.converged) return;
+    }
+    state.step = next;
+  } while (state.step < to);
 }
 
 }  // namespace
 
-StaticReport solve_static(const Scene& scene, const StaticSettings& settings, State& state, int threads) {
-  assert(threads >= 1);
+StaticReport solve_static(const Scene& scene, const StaticSettings& settings, std::int64_t to, State& state,
+                          int threads) {
+  assert(threads >= 1 && to >= state.step);
   if (!scene.settings.tools.empty()) {
     throw InputError(
         "static solve: the scene has tools, and where a tool comes to rest is a matter of its motion; leave "
@@ -282,26 +319,14 @@ StaticReport solve_static(const Scene& scene, const StaticSettings& settings, St
   Problem problem(scene, settings, state, threads);
   std::fill(state.velocities.begin(), state.velocities.end(), 0.0);
   problem.evaluate();
-  // a rounding error of every coordinate, times the stiffest node
+  // some rounding errors of the coordinates, times the stiffest node
   problem.finish_matrix();
   double stiffest = 0, farthest = 0;
   for (double k : problem.system.diagonal) stiffest = std::fmax(stiffest, std::fabs(k));
   for (double x : state.positions) farthest = std::fmax(farthest, std::fabs(x));
-  problem.rounding_N = 1e-16 * stiffest * farthest;
+  problem.rounding_N = 1e-14 * stiffest * farthest;
 
-  std::vector<double> step(state.positions.size(), 0.0);
-  const std::vector<double> way = ways(scene, state);
-  double longest = 0;
-  for (std::size_t n = 0; n < way.size() / 3; ++n)
-    longest = std::fmax(longest, node_vector(way, static_cast<std::int32_t>(n)).norm());
-  const double load_steps =
-      std::fmax(1.0, std::ceil(longest / (settings.load_step_cells * shortest_edge(scene)) - 1e-9));
-  report.load_steps = static_cast<int>(load_steps);
-  for (int k = 0; k < report.load_steps; ++k) {
-    follow_paths(problem, way, 1 / load_steps, step, report);
-    report.converged = balance_forces(problem, step, report);
-    if (!report.converged) break;
-  }
+  go_to(to, settings.load_step_cells * shortest_edge(scene), problem, report);
   report.balance = problem.balance();
   report.largest_force_N = problem.scale;
   report.elastic_energy_J = problem.elastic;

@@ -39,13 +39,16 @@ struct StaticReport {
   double elastic_energy_J = 0;        // tissue and springs
   std::vector<double> balances;       // after each iteration of the last load step, the start first
   std::vector<Vec3> motion_forces;    // [motions] N, that the nodes of the path exert on the tissue
+  std::vector<Vec3> plane_forces;     // [planes] N, on the nodes that slide on them
   Vec3 support_force = Vec3::Zero();  // N, of the fixed nodes on the tissue, sum
 };
 
-// Brings state.positions and rotations to the equilibrium for the places of the paths at state.step;
-// velocities become zero. Starts from the given positions. Elements that are removed stay so; none tear.
-// Throws InputError for a scene with tools, and for pieces of the mesh that can move freely (pieces.h).
-// Memory: one system matrix in double precision. Not for the hot loop.
-StaticReport solve_static(const Scene& scene, const StaticSettings& settings, State& state, int threads);
+// Brings state.positions and rotations to the equilibrium for the places that the paths have at step `to`;
+// velocities become zero, state.step becomes `to`. Starts from the given state, and on the way the moved
+// nodes follow their paths from state.step on. Elements that are removed stay so; none tear. Throws
+// InputError for a scene with tools, and for pieces of the mesh that can move freely (pieces.h). Memory: one
+// system matrix in double precision. Not for the hot loop.
+StaticReport solve_static(const Scene& scene, const StaticSettings& settings, std::int64_t to, State& state,
+                          int threads);
 
 }  // namespace sulcus

@@ -53,10 +53,14 @@ LinearSolver direct_solver(const Scene& scene) {
   };
 }
 
+// At the end of all paths.
 StaticReport settle(const Scene& scene, State& state, bool direct = false) {
+  std::int64_t end = state.step;
+  for (const PrescribedMotion& motion : scene.settings.motions)
+    end = std::max(end, static_cast<std::int64_t>(motion.path.size()) - 1);
   StaticSettings settings;
   if (direct) settings.solver = direct_solver(scene);
-  return solve_static(scene, settings, state, 1);
+  return solve_static(scene, settings, end, state, 1);
 }
 
 double mean_displacement(const Scene& scene, const State& state, const std::vector<std::int32_t>& nodes,
@@ -121,7 +125,6 @@ TEST(StaticSolve, OfATwistedBarIsStifferThanSaintVenantByTheKnownSeries) {
   for (int k = 0; k < 3; ++k) {
     const Scene scene = build(twisted_bar(1 << k, angle));
     State state = initial_state(scene, {});
-    state.step = 1;
     const StaticReport report = settle(scene, state);
     EXPECT_TRUE(report.converged) << report.problem;
     const double ratio = 2 * report.elastic_energy_J / angle / theory;
@@ -143,7 +146,6 @@ TEST(StaticSolve, OfATurnedBlockIsTheTurnedBlockWithoutForce) {
   d.motions.push_back(turn);
   const Scene scene = build(std::move(d));
   State state = initial_state(scene, {});
-  state.step = 1;
   const StaticReport report = settle(scene, state);
   ASSERT_TRUE(report.converged) << report.problem;
   for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
@@ -216,11 +218,57 @@ TEST(StaticSolve, FindsABuckledBarWhereTheStraightOneIsUnstable) {
   d.forces.push_back({middle.front(), Vec3(1e-5, 0, 0)});
   const Scene scene = build(std::move(d));
   State state = initial_state(scene, {});
-  state.step = 1;
   const StaticReport report = settle(scene, state);
   EXPECT_TRUE(report.converged) << report.problem;
   EXPECT_GT(report.warped_iterations, 0);
   EXPECT_GT(mean_displacement(scene, state, middle, 0), 0.01);  // m
+}
+
+TEST(StaticSolve, FollowsAPathThatTurnsAllTheWayRound) {
+  SceneDescription d = block_description({2, 2, 3}, 0.01);
+  PrescribedMotion turn;
+  turn.name = "turn";
+  turn.nodes = nodes_at(d, 2, 0);
+  turn.centre = Vec3(0.01, 0.01, 0);
+  for (int k = 0; k <= 60; ++k)
+    turn.path.push_back({Vec3::Zero(), quaternion_from_rotation_vector(Vec3(0, pi * k / 60, 0))});
+  d.motions.push_back(turn);
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, {});
+  const StaticReport report = settle(scene, state);
+  ASSERT_TRUE(report.converged) << report.problem;
+  EXPECT_EQ(state.step, 60);
+  EXPECT_GT(report.load_steps, 5);
+  for (std::size_t n = 0; n < scene.mesh.rest_positions.size(); ++n) {
+    const Vec3 rest = scene.mesh.rest_positions[n] - turn.centre;
+    const Vec3 expected = turn.centre + Vec3(-rest[0], rest[1], -rest[2]);
+    EXPECT_LT((node_vector(state.positions, static_cast<std::int32_t>(n)) - expected).norm(), 1e-9);
+  }
+}
+
+TEST(StaticSolve, PlanesCarryWhatPressesOnThem) {
+  // a bar on a floor, its foot free to spread, under a load and its weight
+  SceneDescription d = bar(2, 0.45);
+  const double weight = 0.02 * 0.02 * 0.1 * 1000 * 9.81;  // N
+  d.gravity = Vec3(0, 0, -9.81);
+  for (std::int32_t node : nodes_at(d, 2, 0)) d.sliding.push_back({node, 2, 1});
+  for (std::int32_t node : nodes_at(d, 0, 0.01)) d.sliding.push_back({node, 0, 0});
+  for (std::int32_t node : nodes_at(d, 1, 0.01)) d.sliding.push_back({node, 1, 0});
+  load_end(d, Vec3(0, 0, -0.02));
+  d.damping = {0, 0.1};
+  d.step_s = 0.2;
+  const Scene scene = build(std::move(d));
+  State state = initial_state(scene, {}), rested = state;
+  const StaticReport report = settle(scene, state);
+  ASSERT_TRUE(report.converged) << report.problem;
+  EXPECT_NEAR(report.plane_forces[1][2], weight + 0.02, 1e-7);
+  EXPECT_NEAR(report.plane_forces[0].norm(), 0, 1e-7);
+  // and so do those of a run that has come to rest
+  WorkspacePtr workspace = make_workspace(scene, 1);
+  StepReport run = make_report(scene);
+  for (int n = 0; n < 300; ++n) step(scene, {}, rested, run, *workspace);
+  EXPECT_NEAR(run.plane_forces[1][2], weight + 0.02, 1e-6);
+  EXPECT_LT(largest_difference(rested.positions, state.positions), 1e-6);
 }
 
 TEST(StaticSolve, GivesTheSameBitsForEveryThreadCount) {
@@ -228,7 +276,7 @@ TEST(StaticSolve, GivesTheSameBitsForEveryThreadCount) {
   std::vector<double> first;
   for (int threads : {1, 2, 3}) {
     State state = initial_state(scene, {});
-    solve_static(scene, {}, state, threads);
+    solve_static(scene, {}, 0, state, threads);
     if (first.empty()) first = state.positions;
     EXPECT_EQ(state.positions, first);
   }
@@ -243,7 +291,7 @@ TEST(StaticSolve, RefusesTools) {
   DeviceSample sample;
   sample.position = Vec3(1, 1, 1);
   State state = initial_state(scene, std::span(&sample, 1));
-  EXPECT_THROW(solve_static(scene, {}, state, 1), InputError);
+  EXPECT_THROW(solve_static(scene, {}, 0, state, 1), InputError);
 }
 
 TEST(StaticSolve, SaysWhereAForceIsNotFinite) {

@@ -304,6 +304,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> given, State& sta
   ++state.step;
   report.time_s = static_cast<double>(state.step) * scene.settings.step_s;
   std::copy(workspace.motion_forces.begin(), workspace.motion_forces.end(), report.motion_forces.begin());
+  std::copy(workspace.plane_forces.begin(), workspace.plane_forces.end(), report.plane_forces.begin());
   if (observer != nullptr) observer->stage_done(Stage::update);
   if (scene.fracture) {
     tear_tissue(scene, state, workspace, report);
@@ -333,6 +334,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   workspace->increments.assign(3 * nodes, 0.0);
   workspace->tools.resize(scene.settings.tools.size());
   workspace->motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
+  workspace->plane_forces.assign(scene.plane_count, Vec3::Zero());
   if (scene.fracture)
     workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
   workspace->contacts.reserve(most_contacts(scene));
@@ -360,6 +362,7 @@ StepReport make_report(const Scene& scene) {
   report.tools.resize(scene.settings.tools.size());
   report.obstacles.resize(scene.settings.obstacles.size());
   report.motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
+  report.plane_forces.assign(scene.plane_count, Vec3::Zero());
   if (scene.fracture) report.fracture.emplace();
   if (scene.settings.ledger) {
     report.energy.emplace();

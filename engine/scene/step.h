@@ -93,6 +93,7 @@ struct StepReport {
   std::vector<ToolReport> tools;
   std::vector<ObstacleReport> obstacles;
   std::vector<Vec3> motion_forces;         // [motions] N, that the nodes of the path exert on the tissue
+  std::vector<Vec3> plane_forces;          // [planes] N, on the nodes that slide on them, across the planes
   std::optional<FractureReport> fracture;  // in scenes that fracture
   // In scenes that ask for it: of all steps since make_report, so the report must go from step to step.
   std::optional<EnergyLedger> energy;

@@ -147,6 +147,18 @@ void sum_motion_forces(const Scene& scene, const State& state, const SolverWorks
   }
 }
 
+// The same across the planes that nodes slide on.
+template <class Real>
+void sum_plane_forces(const Scene& scene, const SolverWorkspace<Real>& solver, Workspace& workspace) {
+  for (Vec3& force : workspace.plane_forces) force.setZero();
+  for (const SlidingNode& sliding : scene.settings.sliding) {
+    if (!scene.free_node[static_cast<std::size_t>(sliding.node)]) continue;
+    const auto axis = static_cast<std::size_t>(sliding.axis);
+    workspace.plane_forces[static_cast<std::size_t>(sliding.plane)][sliding.axis] -=
+        static_cast<double>(solver.r[solver_entry(scene, sliding.node, axis)]) / scene.settings.step_s;
+  }
+}
+
 template <class Real>
 RowMatrix<Real> row_matrix(const Scene& scene, const Numbers<Real>& numbers) {
   return {scene.sparsity.chunks,          scene.sparsity.chunk_start.data(), scene.sparsity.column.data(),
@@ -192,6 +204,7 @@ SolveResult solve(const Scene& scene, const State& state, double tolerance, doub
   const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
                                                  scene.settings.solver.max_iterations, solver);
   sum_motion_forces(scene, state, solver, workspace);
+  sum_plane_forces(scene, solver, workspace);
 
 #pragma omp parallel for num_threads(workspace.threads) schedule(static)
   for (std::int64_t slot = 0; slot < slots; ++slot) {

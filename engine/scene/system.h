@@ -71,6 +71,7 @@ struct Workspace {
   std::vector<Vec3> motion_forces;        // [motions] N
   double path_work_J = 0;                 // of all motions in the step
   std::vector<double> places;             // [3*nodes] m, of the ledger
+  std::vector<Vec3> plane_forces;         // [planes] N
 };
 
 // Place of entry d of a node in a solver vector.

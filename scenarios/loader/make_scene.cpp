@@ -145,6 +145,20 @@ std::vector<std::int32_t> nodes_in(const NodeRegion& region, const EmbeddingMesh
   return nodes;
 }
 
+// Over the nodes of a region by the number of cells around each: on a plane face of the grid that is by area.
+void spread_force(const ForceRegion& load, const EmbeddingMesh& mesh, const Scenario& scenario,
+                  SceneDescription& description) {
+  std::vector<double> cells(mesh.rest_positions.size(), 0.0);
+  for (const auto& nodes : mesh.cell_nodes) {
+    for (const std::int32_t node : nodes) cells[static_cast<std::size_t>(node)] += 1;
+  }
+  const std::vector<std::int32_t> nodes = nodes_in(load.nodes, mesh, scenario);
+  double sum = 0;
+  for (const std::int32_t node : nodes) sum += cells[static_cast<std::size_t>(node)];
+  for (const std::int32_t node : nodes)
+    description.forces.push_back({node, load.force_N * (cells[static_cast<std::size_t>(node)] / sum)});
+}
+
 void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescription& description,
                 std::vector<std::string>& warnings) {
   std::vector<std::uint8_t> fixed(mesh.rest_positions.size(), 0);
@@ -173,9 +187,14 @@ void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescri
                          " nodes have a spring of an earlier region, which stays");
     }
   }
-  for (const PlaneRegion& plane : scenario.planes) {
-    for (const std::int32_t node : nodes_in(plane.nodes, mesh, scenario))
-      description.sliding.push_back({node, plane.axis});
+  for (const ForceRegion& load : scenario.forces) spread_force(load, mesh, scenario, description);
+  std::set<std::pair<std::int32_t, int>> kept;  // node and axis
+  for (std::size_t p = 0; p < scenario.planes.size(); ++p) {
+    const PlaneRegion& plane = scenario.planes[p];
+    for (const std::int32_t node : nodes_in(plane.nodes, mesh, scenario)) {
+      if (kept.insert({node, plane.axis}).second)
+        description.sliding.push_back({node, plane.axis, static_cast<std::int32_t>(p)});
+    }
   }
   for (const MotionRegion& region : scenario.motions) {
     PrescribedMotion motion{region.name, {}, region.centre_m, {}};

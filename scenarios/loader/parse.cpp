@@ -227,6 +227,12 @@ void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
     scenario.springs.push_back(springs);
   }
   number = 0;
+  for (const json& load : object.value("forces", json::array())) {
+    ForceRegion region{read_region(load, "/boundary/forces/" + std::to_string(number++), problems)};
+    region.force_N = vector(load["force_N"]);
+    scenario.forces.push_back(region);
+  }
+  number = 0;
   for (const json& plane : object.value("planes", json::array())) {
     PlaneRegion region{read_region(plane, "/boundary/planes/" + std::to_string(number++), problems)};
     region.axis = plane["axis"].get<std::string>()[0] - 'x';

@@ -78,6 +78,11 @@ struct SpringRegion {
   double damping_N_s_m = 0;  // N s/m at each node
 };
 
+struct ForceRegion {
+  NodeRegion nodes;
+  Vec3 force_N = Vec3::Zero();  // N, on all of them together
+};
+
 struct MotionRegion {
   std::string name;
   NodeRegion nodes;
@@ -165,6 +170,7 @@ struct Scenario {
   SceneDescription scene;  // complete but for map, fixed_nodes, springs and motions, which make_scene fills
   std::vector<NodeRegion> fixed;
   std::vector<SpringRegion> springs;
+  std::vector<ForceRegion> forces;
   std::vector<PlaneRegion> planes;
   std::vector<MotionRegion> motions;
   std::vector<std::int32_t> prevailing_labels;  // of which a cell is made if it has any voxel of them

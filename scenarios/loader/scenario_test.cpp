@@ -338,6 +338,29 @@ TEST(Scenes, AreBuiltWithTheirBoundary) {
   EXPECT_TRUE(warnings.empty()) << warnings.front();
 }
 
+TEST(Scenes, SpreadForcesByTheCellsAroundANodeAndCountPlanes) {
+  json document = full_scenario();
+  document["boundary"]["forces"] = {
+      {{"above_mm", {{"axis", "z"}, {"value", 10}}}, {"force_N", {0.5, 0, -2}}}};
+  document["boundary"]["planes"] = {{{"below_mm", {{"axis", "x"}, {"value", -5}}}, {"axis", "x"}},
+                                    {{"below_mm", {{"axis", "y"}, {"value", -5}}}, {"axis", "y"}}};
+  const Scene scene = make_scene(load(document));
+  Vec3 sum = Vec3::Zero();
+  double least = 1e9, most = 0;  // of the 3 x 3 nodes on top
+  for (const NodeForce& load : scene.settings.forces) {
+    sum += load.force_N;
+    least = std::min(least, load.force_N[0]);
+    most = std::max(most, load.force_N[0]);
+  }
+  EXPECT_EQ(scene.settings.forces.size(), 9u);
+  EXPECT_LT((sum - Vec3(0.5, 0, -2)).norm(), 1e-12);
+  EXPECT_NEAR(most, 4 * least, 1e-12);  // the middle has four cells, a corner one
+  EXPECT_EQ(scene.plane_count, 2u);
+  for (const SlidingNode& sliding : scene.settings.sliding) EXPECT_EQ(sliding.axis, sliding.plane);
+  document["boundary"]["forces"][0].erase("force_N");
+  expect_refused(document, {"/boundary/forces/0", "force_N"});
+}
+
 TEST(Scenes, WithoutNodesInARegionAreRefused) {
   json document = full_scenario();
   document["boundary"]["fixed"] = {{{"below_mm", {{"axis", "x"}, {"value", -50}}}}};

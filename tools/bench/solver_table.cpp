@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <ctime>
 #include <fstream>
+#include <map>
 #include <memory>
 
 #include "engine/numerics/error.h"
@@ -33,7 +34,7 @@ struct Options {
   std::vector<double> steps = {1.0 / 30}, ratios = {0.45}, contacts = {1e3}, stiff = {1}, moduli = {1000},
                       betas = {0.1};
   int threads = 2, rounds = 5, contact_count = 80;
-  bool processor_time = false;
+  bool processor_time = false, exponents = false;
 };
 
 // Milliseconds of the wall clock, or of the processor where a busy machine is measured with one thread.
@@ -55,6 +56,7 @@ struct Method {
   virtual void set_up() = 0;  // what the preconditioner needs at each step
   virtual SolveResult solve(double tolerance, int most) = 0;
   virtual std::vector<double> solution() const = 0;
+  virtual double bytes() const = 0;  // that a step needs: assembly, matrix, vectors
 };
 
 template <class Real>
@@ -91,6 +93,23 @@ struct KrylovMethod : Method {
     return conjugate_gradients(system.matrix(), system.borders, tolerance, 0.0, most, system.solver);
   }
   std::vector<double> solution() const override { return {system.solver.x.begin(), system.solver.x.end()}; }
+  double bytes() const override {
+    const auto& matrix = system.system;
+    const auto& solver = system.solver;
+    std::size_t numbers = 0;
+    for (const auto* part :
+         {&matrix.node_fields, &matrix.records, &matrix.forces, &matrix.ahead, &matrix.blocks,
+          &matrix.node_terms, &matrix.values, &matrix.diagonal, &matrix.inverse, &solver.b, &solver.x,
+          &solver.r, &solver.z, &solver.p, &solver.q, &solver.packed})
+      numbers += part->size();
+    const ElementData& elements = system.body.elements;
+    const Sparsity& sparsity = system.body.sparsity;
+    const std::size_t rest =
+        sizeof(Real) == 4 ? 4 * elements.rest_single.size() : 8 * elements.rest_double.size();
+    const std::size_t lists = sparsity.edge_items.size() + sparsity.column.size() + sparsity.block.size() +
+                              elements.nodes.size() + elements.incident.size();
+    return static_cast<double>(numbers * sizeof(Real) + rest + 4 * lists + 8 * system.rotations.size());
+  }
 };
 
 struct Row {
@@ -192,8 +211,41 @@ void print_row(const PressedBody& body, const BodySettings& settings, const Row&
   std::fflush(stdout);
 }
 
-void measure(const Options& options, const BenchMesh& mesh, const BodySettings& settings,
-             double contact_N_m) {
+// What a method needs for an error of 1e-3, of all bodies.
+struct Cost {
+  double tets = 0, iterations = 0, ms = 0, bytes = 0;
+};
+using Costs = std::map<std::string, std::vector<Cost>>;
+
+// The exponent a of y = c x^a, by least squares of the logarithms.
+double exponent(const std::vector<Cost>& costs, double Cost::*y) {
+  double sx = 0, sy = 0, sxx = 0, sxy = 0;
+  const double n = static_cast<double>(costs.size());
+  for (const Cost& cost : costs) {
+    const double u = std::log(cost.tets), v = std::log(cost.*y);
+    sx += u;
+    sy += v;
+    sxx += u * u;
+    sxy += u * v;
+  }
+  return (n * sxy - sx * sy) / (n * sxx - sx * sx);
+}
+
+void print_exponents(const Costs& costs) {
+  std::printf(
+      "\n| method | bodies | iterations to 1e-3 | time to 1e-3 | memory | bytes a tetrahedron, largest body "
+      "|\n"
+      "| --- | --- | --- | --- | --- | --- |\n");
+  for (const auto& [method, list] : costs) {
+    if (list.size() < 2) continue;
+    std::printf("| %s | %zu | tets^%.2f | tets^%.2f | tets^%.2f | %.0f |\n", method.c_str(), list.size(),
+                exponent(list, &Cost::iterations), exponent(list, &Cost::ms), exponent(list, &Cost::bytes),
+                list.back().bytes / list.back().tets);
+  }
+}
+
+void measure(const Options& options, const BenchMesh& mesh, const BodySettings& settings, double contact_N_m,
+             Costs& costs) {
   PressedBody body = make_body(mesh.name, mesh.mesh, settings);
   if (contact_N_m > 0) {
     press(body, mesh.place.point, mesh.place.push, static_cast<std::size_t>(options.contact_count),
@@ -216,11 +268,19 @@ void measure(const Options& options, const BenchMesh& mesh, const BodySettings& 
   for (int round = 0; round < options.rounds; ++round) {
     for (Row& row : rows) take_times(row, options.processor_time);
   }
-  for (const Row& row : rows) print_row(body, settings, row);
+  for (const Row& row : rows) {
+    print_row(body, settings, row);
+    const std::size_t at = 2;  // 1e-3
+    if (row.iterations[at] < 0) continue;
+    costs[row.method->name].push_back(
+        {static_cast<double>(body.mesh.tets.size()), static_cast<double>(row.iterations[at]),
+         median(row.set_up_ms) + median(row.solve_ms[at]), row.method->bytes()});
+  }
 }
 
 void measure_all(const Options& options) {
   print_header(options);
+  Costs costs;
   for (const std::string& name : options.bodies) {
     const auto mesh = bench_mesh(name);
     if (!mesh) {
@@ -233,7 +293,7 @@ void measure_all(const Options& options) {
           for (double ratio : options.ratios) {
             for (double beta : options.betas) {
               for (double contact : options.contacts) {
-                measure(options, *mesh, {modulus, stiff, ratio, step, beta}, contact);
+                measure(options, *mesh, {modulus, stiff, ratio, step, beta}, contact, costs);
               }
             }
           }
@@ -241,6 +301,7 @@ void measure_all(const Options& options) {
       }
     }
   }
+  if (options.exponents) print_exponents(costs);
 }
 
 }  // namespace
@@ -261,6 +322,7 @@ int main(int argc, char** argv) {
   app.add_option("--contacts", options.contact_count, "number of contacts");
   app.add_option("--threads", options.threads);
   app.add_option("--rounds", options.rounds);
+  app.add_flag("--exponents", options.exponents, "fits cost against size over all rows of a method");
   app.add_flag("--processor-time", options.processor_time, "instead of the wall clock's; one thread only");
   CLI11_PARSE(app, argc, argv);
   try {

@@ -18,6 +18,28 @@ struct RunOptions {
 };
 int run_command(const RunOptions& options);
 
+struct StaticOptions {
+  std::string scenario;
+  std::filesystem::path out;
+  std::vector<std::string> overrides;
+  double time_s = -1;  // s, whose places of the motions are meant; negative: the end of the scenario
+  int threads = 0;
+  bool force = false;
+  bool pictures = true;
+};
+int static_command(const StaticOptions& options);
+
+struct WorkPrecisionOptions {
+  std::string scenario;
+  std::filesystem::path out;
+  std::vector<std::string> varied;     // "/json/pointer=value,value,..."
+  std::vector<std::string> overrides;  // of all runs
+  std::vector<std::string> reference;  // of the reference run, after the overrides
+  int repetitions = 3;
+  int threads = 0;
+};
+int work_precision_command(const WorkPrecisionOptions& options);
+
 struct VerifyOptions {
   std::filesystem::path run;     // folder of a run
   std::filesystem::path golden;  // folder of golden outputs; empty: statements only
@@ -106,8 +128,8 @@ struct GoldenOptions {
 int golden_command(const GoldenOptions& options);
 
 struct SuiteOptions {
-  std::string filter;               // regular expression that a part of the name fits; empty: all
-  int jobs = 0;                     // scenarios at a time; 0: as many as the machine has cores
+  std::string filter;  // regular expression that a part of the name fits; empty: all
+  int jobs = 0;        // scenarios at a time; 0: as many as the machine has cores
   std::filesystem::path out = "suite";
   std::filesystem::path scenarios;  // folder
   std::filesystem::path golden;     // as in VerifyOptions

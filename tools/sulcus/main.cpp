@@ -48,6 +48,56 @@ int command_line(int argc, char** argv) {
   run_app->add_flag("!--no-pictures", run.pictures, "renders no pictures");
   run_app->callback([&] { code = sulcus::run_command(run); });
 
+  sulcus::StaticOptions rest;
+  auto* static_app =
+      app.add_subcommand("static", "finds the place of rest of a scenario without tools, and records it");
+  static_app->footer("Example: sulcus static four_labels --out /tmp/rest");
+  static_app->add_option("SCENARIO", rest.scenario, "JSON file, or a name that `sulcus list` shows")
+      ->required();
+  static_app->add_option("--out", rest.out, "folder for run.h5, summary.json and pictures")->required();
+  static_app
+      ->add_option("--time-s", rest.time_s, "with the motions where they are then (default: at the end)")
+      ->check(CLI::NonNegativeNumber);
+  static_app->add_option("--threads", rest.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  static_app->add_option("--set", rest.overrides, "/json/pointer=value, changes the scenario")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  static_app->add_flag("--force", rest.force, "replaces an earlier run in the folder");
+  static_app->add_flag("!--no-pictures", rest.pictures, "renders no pictures");
+  static_app->callback([&] { code = sulcus::static_command(rest); });
+
+  sulcus::WorkPrecisionOptions study;
+  auto* study_app = app.add_subcommand(
+      "work-precision",
+      "runs a scenario with a matrix of settings: what they cost and what error they leave");
+  study_app->footer(
+      "Example: sulcus work-precision cylinder_retraction --vary /solver/tolerance=1e-1,1e-3 "
+      "--vary /time/step_s=0.017,0.033 --out /tmp/study");
+  study_app->add_option("SCENARIO", study.scenario, "JSON file, or a name that `sulcus list` shows")
+      ->required();
+  study_app->add_option("--vary", study.varied, "/json/pointer=value,value,...; several make a matrix")
+      ->required()
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  study_app->add_option("--out", study.out, "folder for work_precision.md, .csv, .json and .png")->required();
+  study_app->add_option("--set", study.overrides, "/json/pointer=value, changes the scenario for all runs")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  study_app
+      ->add_option(
+          "--reference", study.reference,
+          "/json/pointer=value, changes the reference run (default: double precision, tolerance 1e-8, a "
+          "quarter of the shortest time step, the smallest mesh size)")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  study_app->add_option("--repetitions", study.repetitions, "of each run, for the times")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  study_app->add_option("--threads", study.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  study_app->callback([&] { code = sulcus::work_precision_command(study); });
+
   sulcus::VerifyOptions verify;
   auto* verify_app = app.add_subcommand("verify", "checks invariants and golden outputs of a run");
   verify_app->footer("Example: sulcus verify /tmp/run --golden golden");

@@ -3,6 +3,7 @@
 
 #include "engine/numerics/error.h"
 #include "engine/scene/precision_error.h"
+#include "engine/scene/pieces.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/servo_replay.h"
 #include "tools/sulcus/support.h"
@@ -156,10 +157,10 @@ int run_command(const RunOptions& options) {
             t, {report.tools[t].displayed_force, report.tools[t].displayed_torque, report.time_s + 2 * h});
       }
       if (!report.finite) {
-        writer.add_event(n,
-                         "the state is no longer finite, or the matrix was not positive definite; stopped");
-        std::fprintf(stderr, "%s: step %lld: the state is no longer finite; the run stops here\n",
-                     scenario.name.c_str(), static_cast<long long>(n));
+        const std::string why = explain_failure(scene, samples, state);
+        writer.add_event(n, "stopped: " + why);
+        std::fprintf(stderr, "%s: step %lld: the run stops here: %s\n", scenario.name.c_str(),
+                     static_cast<long long>(n), why.c_str());
         break;
       }
       if (report.fracture && report.fracture->by_criterion > 0 && !torn) {
@@ -199,6 +200,10 @@ int run_command(const RunOptions& options) {
 
 int replay_command(const ReplayOptions& options) {
   const RunData run = read_run(options.recording);
+  if (run.numbers.contains("static/balance")) {
+    throw InputError(options.recording.string() +
+                     ": it holds a place of rest, which no steps lead to; run `sulcus static` again instead");
+  }
   const Scenario scenario = load_scenario_text(run.header.scenario_json, options.recording.string(), ".");
   const Scene scene = make_scene(scenario);
   const int threads = threads_or_all(options.threads);

@@ -302,5 +302,65 @@ TEST_F(Command, ADamagedRecordingIsRefused) {
   }
 }
 
+// ---- places of rest, and work against precision
+
+constexpr const char* hanging_bar = R"({
+  "sulcus": 1, "name": "hanging",
+  "label_map": {"generate": {"box": {"size_mm": [20, 20, 60], "voxel_size_mm": 10}}},
+  "mesh": {"size_mm": 10},
+  "tissue": {"gravity_m_s2": [9.81, 0, 0], "rayleigh_beta_s": 0.1},
+  "boundary": {"fixed": [{"below_mm": {"axis": "z", "value": -30}}],
+               "forces": [{"above_mm": {"axis": "z", "value": 30}, "force_N": [0, 0.01, 0]}]},
+  "time": {"step_s": 0.1, "duration_s": 1}
+})";
+
+TEST_F(Command, FindsAPlaceOfRestAndRecordsIt) {
+  std::ofstream(folder / "hanging.json") << hanging_bar;
+  const std::string scenario = (folder / "hanging.json").string();
+  const Result result = command("static " + scenario + " --out " + out("rest"));
+  ASSERT_EQ(result.code, 0) << result.output;
+  EXPECT_TRUE(contains(result.output, "fixed nodes hold with        (-0.2354, -0.01, ")) << result.output;
+  const RunData run = read_run(folder / "rest" / "run.h5");
+  EXPECT_LE(run.numbers.at("static/balance"), 1e-8);
+  EXPECT_EQ(run.steps, 1);
+  EXPECT_GT(run.find("tissue/max_displacement_m")->values[0], 0.005);
+  const Result replay = command("replay " + out("rest") + "/run.h5");
+  EXPECT_EQ(replay.code, 2);
+  EXPECT_TRUE(contains(replay.output, "holds a place of rest")) << replay.output;
+  // and what cannot rest is refused with its place, before anything is written
+  const Result loose = command("static " + scenario + " --out " + out("loose") + " --set '/boundary/fixed=[]'");
+  EXPECT_EQ(loose.code, 2);
+  EXPECT_TRUE(contains(loose.output, "piece 1 of 1 of the mesh (24 cells around (0, 0, 0) mm) is held by nothing"))
+      << loose.output;
+  EXPECT_FALSE(fs::exists(folder / "loose"));
+}
+
+TEST_F(Command, MeasuresWorkAgainstPrecision) {
+  std::ofstream(folder / "hanging.json") << hanging_bar;
+  const std::string start = "work-precision " + (folder / "hanging.json").string() + " --threads 1 --repetitions 1 ";
+  const Result result =
+      command(start + "--vary /solver/tolerance=1e-1,1e-5 --vary /time/step_s=0.1,0.05 --out " + out("study"));
+  ASSERT_EQ(result.code, 0) << result.output;
+  const std::string csv = read(folder / "study" / "work_precision.csv");
+  std::istringstream lines(csv);
+  std::string line;
+  std::getline(lines, line);
+  std::vector<double> errors;
+  while (std::getline(lines, line)) {
+    std::istringstream cells(line);
+    std::string cell;
+    for (int c = 0; c < 5; ++c) std::getline(cells, cell, ',');
+    errors.push_back(std::stod(cell));
+  }
+  ASSERT_EQ(errors.size(), 4u) << csv;
+  EXPECT_LT(errors[3], errors[2]);  // a shorter step is better where the solver is good
+  EXPECT_LT(errors[2], errors[0]);  // a better solver is better
+  EXPECT_EQ(read(folder / "study" / "work_precision.png").substr(1, 3), "PNG");
+  const Result unknown = command(start + "--vary /dt=0.1,0.2 --out " + out("unknown"));
+  EXPECT_EQ(unknown.code, 2);
+  EXPECT_TRUE(contains(unknown.output, "/dt")) << unknown.output;
+  EXPECT_FALSE(fs::exists(folder / "unknown"));
+}
+
 }  // namespace
 }  // namespace sulcus

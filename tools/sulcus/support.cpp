@@ -111,8 +111,9 @@ StatementBounds bounds_of(const Scenario& scenario) {
   bounds.max_final_displacement_m = scenario.checks.returns_to_rest_m;
   bounds.contact_expected = !scenario.scene.tools.empty() && scenario.checks.contact_expected;
   if (scenario.checks.max_energy_growth) bounds.max_energy_growth = scenario.checks.max_energy_growth;
-  // prescribed motions and gravity do work that the statement about energies at rest does not know
-  if (!scenario.motions.empty() || scenario.scene.gravity.norm() > 0) bounds.max_energy_growth.reset();
+  // prescribed motions, forces and gravity do work that the statement about energies at rest does not know
+  if (!scenario.motions.empty() || !scenario.forces.empty() || scenario.scene.gravity.norm() > 0)
+    bounds.max_energy_growth.reset();
   if (scenario.scene.fracture) {
     bounds.torn = TornBounds{scenario.scene.fracture->avoid_singularities,
                              scenario.checks.min_torn_elements,

@@ -1,0 +1,295 @@
+#include "verify/work_precision.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "engine/numerics/error.h"
+#include "verify/gnuplot.h"
+
+namespace sulcus {
+namespace {
+
+constexpr const char* colours[] = {"#2f7fc6", "#d5791a", "#2a9070", "#b64a83",
+                                   "#7b6fc8", "#a08a1e", "#777777", "#c0392b"};
+
+std::string text_of(double value, const char* format = "%.4g") {
+  if (!std::isfinite(value)) return "";
+  char text[40];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
+}
+
+// Marks what nothing cheaper, or as cheap, is better than.
+template <class Error, class Mark>
+void mark(std::vector<WorkPrecisionRow>& rows, Error&& error, Mark&& set) {
+  for (WorkPrecisionRow& row : rows) {
+    const bool usable = row.problem.empty() && std::isfinite(error(row));
+    set(row) = usable && std::none_of(rows.begin(), rows.end(), [&](const WorkPrecisionRow& other) {
+                 return other.problem.empty() && other.step_ms <= row.step_ms && error(other) <= error(row) &&
+                        (other.step_ms < row.step_ms || error(other) < error(row));
+               });
+  }
+}
+
+std::string csv_cell(const std::string& text) {
+  if (text.find_first_of(",\"\n") == std::string::npos) return text;
+  std::string out = "\"";
+  for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
+std::string joined(const std::vector<std::string>& texts, const std::string& between) {
+  std::string out;
+  for (const std::string& text : texts) out += (out.empty() ? "" : between) + text;
+  return out;
+}
+
+std::string short_key(const std::string& pointer) {
+  return pointer.substr(pointer.rfind('/') + 1);
+}
+
+// All keys but the last: what a curve of the diagram is.
+std::string curve_name(const WorkPrecisionStudy& study, const WorkPrecisionRow& row) {
+  std::string name;
+  for (std::size_t k = 0; k + 1 < study.keys.size(); ++k)
+    name += (k == 0 ? "" : ", ") + short_key(study.keys[k]) + " " + row.values[k];
+  return name.empty() ? short_key(study.keys.front()) : name;
+}
+
+struct Panel {
+  const char* title;
+  const char* x_label;
+  const char* y_label;
+  double WorkPrecisionRow::*cost;
+  double WorkPrecisionRow::*error;
+  bool WorkPrecisionRow::*front;  // nullptr: none
+  double WorkPrecisionStudy::*floor;
+};
+
+constexpr Panel panels[] = {
+    {"displacement against time of a step", "wall clock of a step [ms]", "displacement error",
+     &WorkPrecisionRow::step_ms, &WorkPrecisionRow::displacement_error,
+     &WorkPrecisionRow::on_displacement_front, &WorkPrecisionStudy::reference_displacement_error},
+    {"force against time of a step", "wall clock of a step [ms]", "force error", &WorkPrecisionRow::step_ms,
+     &WorkPrecisionRow::force_error, &WorkPrecisionRow::on_force_front,
+     &WorkPrecisionStudy::reference_force_error},
+    {"displacement against computing", "computing for a simulated second [s]", "displacement error",
+     &WorkPrecisionRow::per_second, &WorkPrecisionRow::displacement_error, nullptr,
+     &WorkPrecisionStudy::reference_displacement_error},
+    {"force against computing", "computing for a simulated second [s]", "force error",
+     &WorkPrecisionRow::per_second, &WorkPrecisionRow::force_error, nullptr,
+     &WorkPrecisionStudy::reference_force_error}};
+
+void add_data(std::ostream& out, const std::string& name,
+              const std::vector<std::pair<double, double>>& points) {
+  out << name << " << EOD\n";
+  for (const auto& [x, y] : points) out << gnuplot_number(x) << ' ' << gnuplot_number(y) << '\n';
+  out << "EOD\n";
+}
+
+// Range of positive numbers with room around it, for a logarithmic axis.
+std::string log_range(const char* axis, const std::vector<double>& values) {
+  double low = INFINITY, high = 0;
+  for (double v : values) {
+    if (!std::isfinite(v) || v <= 0) continue;
+    low = std::min(low, v);
+    high = std::max(high, v);
+  }
+  if (high == 0) low = high = 1;
+  const double room = std::max(1.3, std::pow(high / low, 0.08));
+  return std::string("set ") + axis + "range [" + gnuplot_number(low / room) + ":" +
+         gnuplot_number(high * room) + "]\n";
+}
+
+void add_panel(std::ostream& out, const WorkPrecisionStudy& study, const Panel& panel, std::size_t number,
+               const std::vector<std::string>& names) {
+  std::map<std::string, std::vector<std::pair<double, double>>> curves;
+  std::vector<std::pair<double, double>> front;
+  std::vector<double> xs, ys{study.*panel.floor};
+  for (const WorkPrecisionRow& row : study.rows) {
+    const double x = row.*panel.cost, y = row.*panel.error;
+    if (!row.problem.empty() || !std::isfinite(y) || y <= 0 || x <= 0) continue;
+    curves[curve_name(study, row)].emplace_back(x, y);
+    if (panel.front != nullptr && row.*panel.front) front.emplace_back(x, y);
+    xs.push_back(x);
+    ys.push_back(y);
+  }
+  std::sort(front.begin(), front.end());
+  const std::string mark = "$p" + std::to_string(number);
+  out << "set title " << gnuplot_text(panel.title) << "\nset xlabel " << gnuplot_text(panel.x_label)
+      << "\nset ylabel " << gnuplot_text(panel.y_label) << "\n"
+      << log_range("x", xs) << log_range("y", ys) << "unset arrow\n";
+  if (xs.empty()) {
+    out << "set label 1 'nothing to compare' at graph 0.5,0.5 center\nplot NaN notitle\nunset label 1\n";
+    return;
+  }
+  const double floor = study.*panel.floor;
+  if (floor > 0) {
+    out << "set arrow from graph 0, first " << gnuplot_number(floor) << " to graph 1, first "
+        << gnuplot_number(floor) << " nohead dt 3 lw 1.2 lc rgb '#888888'\n";
+  }
+  for (std::size_t c = 0; c < names.size(); ++c)
+    add_data(out, mark + "_" + std::to_string(c), curves[names[c]]);
+  add_data(out, mark + "_front", front);
+  std::string plots;
+  if (front.size() > 1) plots += ", " + mark + "_front using 1:2 with lines lw 5 lc rgb '#50999999' notitle";
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    if (curves[names[c]].empty()) continue;
+    plots += ", " + mark + "_" + std::to_string(c) +
+             " using 1:2 with linespoints pt 7 ps 1.1 lw 1.3 dt 2 lc rgb '" +
+             colours[c % std::size(colours)] + "' notitle";
+  }
+  if (!front.empty())
+    plots += ", " + mark + "_front using 1:2 with points pt 6 ps 2.2 lw 1.5 lc rgb '#222222' notitle";
+  if (number == 0) {
+    for (std::size_t c = 0; c < names.size(); ++c) {
+      plots += std::string(", keyentry with linespoints pt 7 ps 1.1 lw 1.3 dt 2 lc rgb '") +
+               colours[c % std::size(colours)] + "' title " + gnuplot_text(names[c]);
+    }
+    plots += ", keyentry with points pt 6 ps 2.2 lw 1.5 lc rgb '#222222' title 'Pareto front'";
+    plots += ", keyentry with lines dt 3 lw 1.2 lc rgb '#888888' title 'the reference''s own error'";
+  }
+  out << (number == 0 ? "set key at screen 0.5,0.985 center top horizontal maxcols 3 noenhanced samplen 2\n"
+                      : "unset key\n")
+      << "plot " << plots.substr(2) << "\n";
+}
+
+void write_whole(const std::filesystem::path& path, const std::string& content) {
+  const std::filesystem::path part = path.string() + ".part";
+  std::ofstream file(part, std::ios::binary);
+  file << content;
+  file.close();
+  std::error_code error;
+  if (file) std::filesystem::rename(part, path, error);
+  if (!file || error) {
+    throw EnvironmentError(path.string() + ": cannot be written" +
+                           (error ? " (" + error.message() + ")" : std::string()) +
+                           "; give a folder that can be written to, with free space");
+  }
+}
+
+nlohmann::json number_or_null(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
+}
+
+}  // namespace
+
+void mark_fronts(WorkPrecisionStudy& study) {
+  mark(
+      study.rows, [](const WorkPrecisionRow& row) { return row.displacement_error; },
+      [](WorkPrecisionRow& row) -> bool& { return row.on_displacement_front; });
+  mark(
+      study.rows, [](const WorkPrecisionRow& row) { return row.force_error; },
+      [](WorkPrecisionRow& row) -> bool& { return row.on_force_front; });
+}
+
+std::string work_precision_csv(const WorkPrecisionStudy& study) {
+  std::ostringstream out;
+  for (const std::string& key : study.keys) out << csv_cell(key) << ',';
+  out << "step_ms,computing_s_per_s,displacement_error,force_error,iterations,converged_share,"
+         "on_displacement_front,on_force_front,problem\n";
+  for (const WorkPrecisionRow& row : study.rows) {
+    for (const std::string& value : row.values) out << csv_cell(value) << ',';
+    for (double value : {row.step_ms, row.per_second, row.displacement_error, row.force_error, row.iterations,
+                         row.converged_share})
+      out << text_of(value, "%.6g") << ',';
+    out << row.on_displacement_front << ',' << row.on_force_front << ',' << csv_cell(row.problem) << '\n';
+  }
+  return out.str();
+}
+
+std::string work_precision_json(const WorkPrecisionStudy& study) {
+  nlohmann::json json = {{"scenario", study.scenario},
+                         {"machine", study.machine},
+                         {"threads", study.threads},
+                         {"repetitions", study.repetitions},
+                         {"keys", study.keys},
+                         {"settings", study.settings},
+                         {"reference",
+                          {{"settings", study.reference},
+                           {"own_displacement_error", number_or_null(study.reference_displacement_error)},
+                           {"own_force_error", number_or_null(study.reference_force_error)},
+                           {"displacement_mm", number_or_null(study.displacement_mm)},
+                           {"force_N", number_or_null(study.force_N)}}}};
+  for (const WorkPrecisionRow& row : study.rows) {
+    json["rows"].push_back({{"values", row.values},
+                            {"step_ms", number_or_null(row.step_ms)},
+                            {"computing_s_per_s", number_or_null(row.per_second)},
+                            {"displacement_error", number_or_null(row.displacement_error)},
+                            {"force_error", number_or_null(row.force_error)},
+                            {"iterations", number_or_null(row.iterations)},
+                            {"converged_share", number_or_null(row.converged_share)},
+                            {"on_displacement_front", row.on_displacement_front},
+                            {"on_force_front", row.on_force_front},
+                            {"problem", row.problem}});
+  }
+  return json.dump(2) + "\n";
+}
+
+std::string work_precision_markdown(const WorkPrecisionStudy& study, const std::string& picture) {
+  std::ostringstream out;
+  out << "# Work against precision: " << study.scenario << "\n\n![](" << picture << ")\n\n"
+      << "Errors are relative to a reference run with `" << joined(study.reference, "` `") << "`"
+      << (study.settings.empty() ? "" : ", all runs with `" + joined(study.settings, "` `") + "`")
+      << ": root mean square over material points (displacement, " << text_of(study.displacement_mm)
+      << " mm in the reference) and over moments (force, " << text_of(study.force_N)
+      << " N). The reference itself differs from a run with twice its time step by "
+      << text_of(study.reference_displacement_error, "%.2g") << " and "
+      << (std::isfinite(study.reference_force_error) ? text_of(study.reference_force_error, "%.2g") : "-")
+      << ": errors below that mean little. Time: medians of " << study.repetitions
+      << " interleaved repetitions with " << study.threads
+      << (study.threads == 1 ? " thread on " : " threads on ") << study.machine
+      << ". F: on the Pareto front of time of a step against that error.\n\n|";
+  for (const std::string& key : study.keys) out << ' ' << key << " |";
+  out << " step ms | s for a simulated s | displacement error | | force error | | iterations | converged "
+         "|\n|";
+  for (std::size_t i = 0; i < study.keys.size() + 8; ++i) out << " --- |";
+  out << '\n';
+  for (const WorkPrecisionRow& row : study.rows) {
+    out << '|';
+    for (const std::string& value : row.values) out << ' ' << value << " |";
+    if (!row.problem.empty()) {
+      out << " | | | | | | | " << row.problem << " |\n";
+      continue;
+    }
+    out << ' ' << text_of(row.step_ms, "%.3g") << " | " << text_of(row.per_second, "%.3g") << " | "
+        << text_of(row.displacement_error, "%.3g") << (row.on_displacement_front ? " | F | " : " | | ")
+        << text_of(row.force_error, "%.3g") << (row.on_force_front ? " | F | " : " | | ")
+        << text_of(row.iterations, "%.3g") << " | " << text_of(100 * row.converged_share, "%.0f") << " % |\n";
+  }
+  return out.str();
+}
+
+std::string work_precision_png(const WorkPrecisionStudy& study) {
+  std::vector<std::string> names;
+  for (const WorkPrecisionRow& row : study.rows) {
+    const std::string name = curve_name(study, row);
+    if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+  }
+  const std::size_t key_rows = (names.size() + 2 + 2) / 3;
+  const double top = 1 - 0.03 * static_cast<double>(key_rows) - 0.02;
+  std::ostringstream out;
+  out << "set terminal pngcairo size 1200,900 font 'sans-serif,12' background '#ffffff'\n"
+      << "set encoding utf8\nset datafile missing 'NaN'\nset border 3\nset tics nomirror scale 0.5\n"
+      << "set logscale xy\nset format y '10^{%T}'\nset format x '%g'\nset grid lt 1 lc rgb '#B0808080' lw "
+         "0.7\n"
+      << "set multiplot layout 2,2 margins 0.08,0.98,0.07," << gnuplot_number(top - 0.03)
+      << " spacing 0.09,0.13\n";
+  for (std::size_t p = 0; p < std::size(panels); ++p) add_panel(out, study, panels[p], p, names);
+  out << "unset multiplot\n";
+  return draw_with_gnuplot(out.str());
+}
+
+void write_work_precision(const std::filesystem::path& folder, const WorkPrecisionStudy& study) {
+  write_whole(folder / "work_precision.png", work_precision_png(study));
+  write_whole(folder / "work_precision.csv", work_precision_csv(study));
+  write_whole(folder / "work_precision.json", work_precision_json(study));
+  write_whole(folder / "work_precision.md", work_precision_markdown(study, "work_precision.png"));
+}
+
+}  // namespace sulcus
