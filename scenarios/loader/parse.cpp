@@ -102,6 +102,19 @@ LabelMapSource read_generated(const json& generate) {
     read(generate["box"], "label", shape.label);
     return shape;
   }
+  if (generate.contains("balls")) {
+    const json& object = generate["balls"];
+    BallsSegment shape;
+    for (const json& entry : object["balls"]) {
+      BallsSegment::Ball& ball = shape.balls.emplace_back();
+      read_mm(entry, "centre_mm", ball.centre_m);
+      read_mm(entry, "radius_mm", ball.radius_m);
+    }
+    read_mm(object, "blend_mm", shape.blend_m);
+    read_mm(object, "voxel_size_mm", shape.voxel_size_m);
+    read(object, "label", shape.label);
+    return shape;
+  }
   if (generate.contains("drawing")) {
     DrawnSegments drawing;
     read(generate["drawing"], "rows", drawing.rows);
