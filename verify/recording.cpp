@@ -10,6 +10,7 @@ RunHeader make_run_header(const Scene& scene) {
   header.step_s = scene.settings.step_s;
   for (const Tool& tool : scene.settings.tools) header.tool_names.push_back(tool.name);
   for (const PrescribedMotion& motion : scene.settings.motions) header.motion_names.push_back(motion.name);
+  for (const Obstacle& obstacle : scene.settings.obstacles) header.obstacle_names.push_back(obstacle.name);
   header.fractures = scene.fracture != nullptr;
   header.rest_positions.reserve(3 * scene.mesh.rest_positions.size());
   for (const Vec3& position : scene.mesh.rest_positions)

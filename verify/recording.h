@@ -28,13 +28,14 @@ struct RunHeader {
   std::map<std::string, std::string> build;   // provenance: "version", "git", "compiler", "flags", ...
   std::map<std::string, std::string> inputs;  // input file as named in the scenario -> hash_file()
   int threads = 1;
-  double step_s = 0;                      // s, time step
-  std::vector<std::string> tool_names;    // [tools]
-  std::vector<std::string> motion_names;  // [motions]; with fractures, says which series there are
-  bool fractures = false;                 // not read back: a series fracture/... tells
-  std::vector<double> rest_positions;     // [3*nodes], m
-  std::vector<std::int32_t> tets;         // [4*tets]
-  std::optional<SessionHeader> session;   // of a session in real time
+  double step_s = 0;                        // s, time step
+  std::vector<std::string> tool_names;      // [tools]
+  std::vector<std::string> motion_names;    // [motions]; with fractures, says which series there are
+  std::vector<std::string> obstacle_names;  // [obstacles]
+  bool fractures = false;                   // not read back: a series fracture/... tells
+  std::vector<double> rest_positions;       // [3*nodes], m
+  std::vector<std::int32_t> tets;           // [4*tets]
+  std::optional<SessionHeader> session;     // of a session in real time
 
   std::int64_t tool_count() const { return static_cast<std::int64_t>(tool_names.size()); }
   std::int64_t node_count() const { return static_cast<std::int64_t>(rest_positions.size() / 3); }
@@ -55,6 +56,7 @@ RunHeader make_run_header(const Scene& scene);  // mesh, tools and time step; th
 //             coupling_force_N [3]  coupling_torque_N_m [3] displayed_force_N [3]  displayed_torque_N_m [3]
 //             max_penetration_m  contacts  dropped_contacts  min_push_N
 //             position_m [3]  orientation [4]  linear_momentum_kg_m_s [3]  angular_momentum_kg_m2_s [3]
+//   obstacles/<i>/contact_force_N [3]  max_penetration_m  contacts  dropped_contacts
 //   device/<i>/<field of DeviceSample>   sequence  time_s  interval_s  position_m [3]  orientation [4]
 //             linear_velocity_m_s [3]  angular_velocity_rad_s [3]  linear_velocity_valid
 //             angular_velocity_valid docked  buttons  force_sent_N [3]  motor_temperature

@@ -165,6 +165,14 @@ void for_each_step_series(const StepReport& report, const State& state,
     visit(prefix + "linear_momentum_kg_m_s", "kg m/s", 3, &state.tool_momenta[6 * i]);
     visit(prefix + "angular_momentum_kg_m2_s", "kg m^2/s", 3, &state.tool_momenta[6 * i + 3]);
   }
+  for (std::size_t i = 0; i < report.obstacles.size(); ++i) {
+    const ObstacleReport& obstacle = report.obstacles[i];
+    const std::string prefix = "obstacles/" + std::to_string(i) + "/";
+    vector(prefix + "contact_force_N", "N", obstacle.contact_force);
+    number(prefix + "max_penetration_m", "m", obstacle.max_penetration_m);
+    number(prefix + "contacts", "", obstacle.contacts);
+    number(prefix + "dropped_contacts", "", obstacle.dropped_contacts);
+  }
 }
 
 // Throws InputError if the header contradicts itself.

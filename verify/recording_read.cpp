@@ -38,6 +38,7 @@ RunHeader read_header(Reader& file, const std::string& place) {
   header.overrides = file.strings("/header/overrides");
   header.tool_names = file.strings("/header/tool_names");
   header.motion_names = file.strings("/header/motion_names");
+  if (file.exists("/header/obstacle_names")) header.obstacle_names = file.strings("/header/obstacle_names");
   if (header.tool_count() > most_tools) file.refuse("/header/tool_names", "names too many tools");
   header.build = read_map(file, "/header/build");
   header.inputs = read_map(file, "/header/inputs");

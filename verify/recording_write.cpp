@@ -115,6 +115,7 @@ void RunWriter::Impl::write_header() {
   hdf5::write_strings(file, "/header/overrides", header.overrides);
   hdf5::write_strings(file, "/header/tool_names", header.tool_names);
   hdf5::write_strings(file, "/header/motion_names", header.motion_names);
+  hdf5::write_strings(file, "/header/obstacle_names", header.obstacle_names);
   write_map("/header/build", header.build);
   write_map("/header/inputs", header.inputs);
   hdf5::write_array<double>(file, "/mesh/rest_positions_m", header.rest_positions, "m");
@@ -151,6 +152,7 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     StepReport report;
     report.tools.resize(header.tool_names.size());
     report.motion_forces.resize(header.motion_names.size());
+    report.obstacles.resize(header.obstacle_names.size());
     if (header.fractures) report.fracture.emplace();
     const std::array<double, stage_count> no_times{};
     for_each_step_series(
@@ -206,6 +208,7 @@ void make_step_row(const RunHeader& header, const StepReport& report, const Stat
                    std::span<const double> stage_s, double total_s, StepRow& row) {
   assert(stage_s.size() == static_cast<std::size_t>(stage_count));
   assert(report.motion_forces.size() == header.motion_names.size());
+  assert(report.obstacles.size() == header.obstacle_names.size());
   assert(report.fracture.has_value() == header.fractures);
   row.numbers.clear();
   for_each_step_series(report, state, header.rest_positions, stage_s, total_s,

@@ -22,6 +22,7 @@ void put_header(const RunHeader& header, Writer& out) {
   out.number(header.step_s);
   out.texts(header.tool_names);
   out.texts(header.motion_names);
+  out.texts(header.obstacle_names);
   out.number(static_cast<std::uint8_t>(header.fractures));
   out.array(std::span<const double>(header.rest_positions));
   out.array(std::span<const std::int32_t>(header.tets));
@@ -44,6 +45,7 @@ RunHeader get_header(Reader& in, const std::string& place) {
   header.step_s = in.number<double>();
   header.tool_names = in.texts();
   header.motion_names = in.texts();
+  header.obstacle_names = in.texts();
   header.fractures = in.number<std::uint8_t>() != 0;
   header.rest_positions = in.array<double>();
   header.tets = in.array<std::int32_t>();

@@ -16,23 +16,31 @@
 
 namespace sulcus {
 
-// Penalty law f = k N g + b N g', N = a I + (1-a) n n^T (equations.md 2.6).
+// Penalty law f = k N g + b N g', N = a I + (1-a) n n^T (equations.md 2.6), and Coulomb friction.
 struct ContactLaw {
   double stiffness_N_m = 10;    // N/m a contact, k >= 0
   double damping_N_s_m = 0.01;  // N s/m a contact, b >= 0
   double anisotropy = 0;        // a in [0, 1]: 0 frictionless, 1 isotropic
   bool tension_rule = true;     // contacts that would pull are dropped, one re-solve
+  // Coulomb friction, regularised: -mu |f_n| v / sqrt(|v|^2 + v_s^2) for a speed of slip v along the surface.
+  // 0: none. What rests on a slope therefore creeps at about v_s tan(slope) / mu.
+  double friction = 0;                // mu >= 0
+  double friction_speed_m_s = 0.001;  // m/s, v_s > 0
+  // Forces of the start of the step, no derivative in the matrix (thesis 4.6.2, set B): for comparison only,
+  // it vibrates where the stiffness of all contacts together is beyond what the step allows.
+  bool explicit_forces = false;
 };
 
 struct Contact {
-  std::int32_t tool = 0;
-  std::int32_t vertex = 0;          // of the tool's surface
+  std::int32_t tool = 0;            // number of the rigid body: tools first, then obstacles
+  std::int32_t vertex = 0;          // of the tool's surface; the node, of detection by nodes
   std::int32_t tet = 0;             // T_s, carries the force
   std::array<double, 4> weights{};  // of x_s in T_s (may extrapolate slightly)
   Vec3 arm = Vec3::Zero();          // m, world: vertex - centre of mass
   Vec3 gap = Vec3::Zero();          // m, world: p - x_s
   Vec3 normal = Vec3::Zero();       // unit, world, out of the tissue
   double depth_m = 0;               // m, rest distance below the surface, > 0
+  Vec3 slip = Vec3::Zero();         // m/s, of the body along the tissue, where its friction is linearised
 };
 
 // Scratch of the search; reused from step to step, content without meaning between calls.

@@ -80,7 +80,7 @@ bool on_boundary(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive, 
 void find_node_contacts(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive,
                         std::span<const std::uint8_t> boundary, std::span<const double> positions,
                         const RigidDistance& distance, const RigidBodyState& pose, std::int32_t tool,
-                        std::vector<Contact>& contacts) {
+                        std::vector<Contact>& contacts, WayOut way) {
   const Mat3 to_body = rotation_matrix(pose.orientation).transpose();
   const Vec3 high = distance.origin + distance.spacing_m * Vec3(distance.size[0] - 1, distance.size[1] - 1,
                                                                 distance.size[2] - 1);
@@ -93,12 +93,15 @@ void find_node_contacts(const BoundaryMesh& mesh, std::span<const std::uint8_t> 
     Vec3 slope;
     const double inside = sample(distance, body, &slope);
     if (!(inside < 0)) continue;
-    Vec3 normal = boundary_area(mesh, alive, positions, node);
-    const double area = std::sqrt(normal.squaredNorm());
-    if (!(area > 0)) continue;
-    normal /= area;
-    const double depth = way_out(distance, body, to_body * -normal);
-    if (!(depth > 0) || sideways(distance, body, inside, slope, depth)) continue;
+    Vec3 normal = way == WayOut::shortest ? Vec3(-(to_body.transpose() * slope))
+                                          : boundary_area(mesh, alive, positions, node);
+    const double length = std::sqrt(normal.squaredNorm());
+    if (!(length > 0)) continue;
+    normal /= length;
+    const double depth =
+        way == WayOut::shortest ? -inside / length : way_out(distance, body, to_body * -normal);
+    if (!(depth > 0)) continue;
+    if (way == WayOut::along_tissue_normal && sideways(distance, body, inside, slope, depth)) continue;
 
     Contact contact;
     contact.tool = tool;

@@ -4,7 +4,8 @@
 // A node x inside the tool is pushed along its tissue's outward normal n, into the tissue, until it leaves
 // the tool at p = x - s n: gap p - x, depth s. So a node that has passed the middle of a thin blade is pushed
 // on the side that it came from. A node whose way out leads sideways (much longer than the tool is thick
-// there, or leaving it at a grazing angle) gives none.
+// there, or leaving it at a grazing angle) gives none. Obstacles are thick and stand still: out of them a
+// node is pushed the shortest way, p = x - phi grad phi, whatever the tissue's normal is at an edge.
 #pragma once
 
 #include <cstdint>
@@ -28,11 +29,13 @@ struct BoundaryMesh {
 // Whether `node` lies on the boundary of the elements that are present (alive: [tets] or empty = all).
 bool on_boundary(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive, std::int32_t node);
 
-// Appends the contacts of one tool in order of the nodes. Contact::vertex is the node. boundary: [nodes] 1
-// for nodes on the boundary. positions: [3*nodes].
+enum class WayOut { along_tissue_normal, shortest };
+
+// Appends the contacts of one rigid body in order of the nodes. Contact::vertex is the node. boundary:
+// [nodes] 1 for nodes on the boundary. positions: [3*nodes].
 void find_node_contacts(const BoundaryMesh& mesh, std::span<const std::uint8_t> alive,
                         std::span<const std::uint8_t> boundary, std::span<const double> positions,
                         const RigidDistance& distance, const RigidBodyState& pose, std::int32_t tool,
-                        std::vector<Contact>& contacts);
+                        std::vector<Contact>& contacts, WayOut way = WayOut::along_tissue_normal);
 
 }  // namespace sulcus

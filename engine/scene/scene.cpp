@@ -45,19 +45,36 @@ void check_tool(const Tool& tool) {
   }
 }
 
+void check_contact(const std::string& of, const ContactLaw& law) {
+  check_not_negative((of + "contact stiffness (N/m)").c_str(), law.stiffness_N_m);
+  check_not_negative((of + "contact damping (N s/m)").c_str(), law.damping_N_s_m);
+  if (!(law.anisotropy >= 0 && law.anisotropy <= 1)) {
+    refuse(of + "contact anisotropy", law.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
+  }
+  check_not_negative((of + "coefficient of friction").c_str(), law.friction);
+  check_positive((of + "speed of slip of the friction (m/s)").c_str(), law.friction_speed_m_s);
+}
+
+void check_obstacle(const Obstacle& obstacle) {
+  const std::string name = "obstacle \"" + obstacle.name + "\": ";
+  check_contact(name, obstacle.contact);
+  if (!obstacle.position.allFinite() || !rotation_matrix(obstacle.orientation).allFinite())
+    throw InputError("scene: " + name + "its place is not finite");
+  for (const Vec3& vertex : obstacle.surface.vertices) {
+    if (!vertex.allFinite()) throw InputError("scene: " + name + "a vertex is not finite");
+  }
+}
+
 void check(const SceneDescription& d, std::int64_t nodes) {
   check_positive("the time step (s)", d.step_s);
   check_not_negative("Rayleigh alpha (1/s)", d.damping.alpha_1_s);
   check_not_negative("Rayleigh beta (s)", d.damping.beta_s);
-  check_not_negative("contact stiffness (N/m)", d.contact.stiffness_N_m);
-  check_not_negative("contact damping (N s/m)", d.contact.damping_N_s_m);
-  if (!(d.contact.anisotropy >= 0 && d.contact.anisotropy <= 1)) {
-    refuse("contact anisotropy", d.contact.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
-  }
+  check_contact("", d.contact);
   check_positive("the solver's tolerance", d.solver.tolerance);
   check_positive("the solver's iteration cap", d.solver.max_iterations);
   if (!d.gravity.allFinite()) throw InputError("scene: gravity is not finite");
   for (const Tool& tool : d.tools) check_tool(tool);
+  for (const Obstacle& obstacle : d.obstacles) check_obstacle(obstacle);
   const auto check_node = [&](std::int32_t node) {
     if (node < 0 || node >= nodes) refuse("a node number", node, "one below " + std::to_string(nodes));
   };
@@ -143,14 +160,18 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   }
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;
   for (const Tool& tool : d.tools) scene.filter_alpha.push_back(low_pass_alpha(tool.filter_Hz, d.step_s));
+  for (const Obstacle& obstacle : d.obstacles) {
+    scene.obstacle_distances.push_back(
+        build_rigid_distance(obstacle.surface, distance_spacing(obstacle.surface)));
+  }
   if (!d.tools.empty() && d.detection == ContactDetection::surface_nodes) {
-    scene.faces = face_neighbours(scene.mesh.tets);
     for (const Tool& tool : d.tools) {
       scene.tool_distances.push_back(build_rigid_distance(tool.surface, distance_spacing(tool.surface)));
     }
   } else if (!d.tools.empty()) {
     scene.distance = std::make_unique<const DistanceField>(build_distance_field(d.map, d.pairs));
   }
+  if (scene.nodes_touch()) scene.faces = face_neighbours(scene.mesh.tets);
   return scene;
 }
 

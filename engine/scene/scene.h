@@ -42,6 +42,16 @@ struct Tool {
   double filter_Hz = 0;  // Hz, cut-off of the displayed force; 0 = no filter
 };
 
+// A rigid body that stands still. Tissue touches it by the nodes of its mesh's boundary, whatever the
+// detection of the tools is (contact/surface_nodes.h).
+struct Obstacle {
+  std::string name;
+  ToolSurface surface;           // closed
+  Vec3 position = Vec3::Zero();  // m, of the surface's origin
+  Quaternion orientation;        // unit, body -> world
+  ContactLaw contact;
+};
+
 // Nodes that follow a path, whatever force that takes: at the end of step k (the first is 0) a node with the
 // rest position X stands at centre + R_k (X - centre) + shift_k.
 struct PrescribedMotion {
@@ -74,7 +84,8 @@ struct SceneDescription {
   std::vector<SlidingNode> sliding;       // in planes; a node may be named for several axes
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
-  ContactLaw contact;
+  std::vector<Obstacle> obstacles;
+  ContactLaw contact;  // of the tools
   ContactDetection detection = ContactDetection::embedded_vertices;
   std::optional<FractureSettings> fracture;  // none: no stress is computed, nothing tears
   SolverSettings solver;
@@ -89,7 +100,8 @@ struct Scene {
   Sparsity sparsity;
   std::unique_ptr<const DistanceField> distance;   // only in scenes with a tool and embedded_vertices
   std::vector<RigidDistance> tool_distances;       // [tools], only with surface_nodes
-  FaceNeighbours faces;                            // likewise
+  std::vector<RigidDistance> obstacle_distances;   // [obstacles]
+  FaceNeighbours faces;                            // only where nodes touch rigid bodies
   std::unique_ptr<const FractureData> fracture;    // only in scenes that fracture
   std::vector<double> filter_alpha;                // [tools]
   std::vector<std::uint8_t> free_node;             // [nodes] 1: moves, 0: held at rest or on a path
@@ -101,6 +113,15 @@ struct Scene {
     return {mesh.tets, faces, elements.incident_start, elements.incident};
   }
   std::int64_t node_count() const { return static_cast<std::int64_t>(mesh.rest_positions.size()); }
+  bool solves_again() const {  // whether a step may have to be solved again
+    const auto may = [](const ContactLaw& law) { return law.tension_rule || law.friction > 0; };
+    bool any = !settings.tools.empty() && may(settings.contact);
+    for (const Obstacle& obstacle : settings.obstacles) any = any || may(obstacle.contact);
+    return any;
+  }
+  bool nodes_touch() const {  // whether contacts of nodes of the boundary are looked for
+    return !tool_distances.empty() || !obstacle_distances.empty();
+  }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 

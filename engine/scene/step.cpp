@@ -9,7 +9,7 @@
 #include "engine/fem/stress.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
-#include "engine/scene/system.h"
+#include "engine/scene/contact_system.h"
 
 namespace sulcus {
 
@@ -21,9 +21,7 @@ namespace {
 
 void find_contacts(const Scene& scene, const State& state, Workspace& workspace) {
   const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
-  if (scene.fracture || (by_nodes && !scene.settings.tools.empty())) {
-    update(scene, state.alive, workspace.view);
-  }
+  if (scene.fracture || scene.nodes_touch()) update(scene, state.alive, workspace.view);
   workspace.contacts.clear();
   for (std::size_t t = 0; t < scene.settings.tools.size(); ++t) {
     const RigidBodyState tool = tool_state(state, t);
@@ -42,13 +40,35 @@ void find_contacts(const Scene& scene, const State& state, Workspace& workspace)
                            state.positions, {}, static_cast<std::int32_t>(t), workspace.vertices,
                            tool.position, workspace.search, workspace.contacts);
   }
+  for (std::size_t o = 0; o < scene.settings.obstacles.size(); ++o) {
+    RigidBodyState pose;
+    pose.position = scene.settings.obstacles[o].position;
+    pose.orientation = scene.settings.obstacles[o].orientation;
+    find_node_contacts(scene.boundary_mesh(), present(scene, state), workspace.view.boundary, state.positions,
+                       scene.obstacle_distances[o], pose,
+                       static_cast<std::int32_t>(scene.settings.tools.size() + o), workspace.contacts,
+                       WayOut::shortest);
+  }
+  begin_friction(scene, state, workspace);
+}
+
+// Calls visit(the report of the tool or obstacle that a contact is with).
+template <class Visit>
+void with_body(StepReport& report, const Contact& contact, Visit&& visit) {
+  const auto body = static_cast<std::size_t>(contact.tool), tools = report.tools.size();
+  if (body < tools) {
+    visit(report.tools[body]);
+  } else {
+    visit(report.obstacles[body - tools]);
+  }
 }
 
 // Drops the contacts that would pull; returns whether any did.
 bool drop_pulling_contacts(const Scene& scene, const State& state, Workspace& workspace, StepReport& report) {
   const auto pulls = [&](const Contact& contact) {
+    if (!law_of(scene, contact.tool).tension_rule) return false;
     if (!(contact_force(scene, state, contact, workspace).dot(contact.normal) > 0)) return false;
-    ++report.tools[static_cast<std::size_t>(contact.tool)].dropped_contacts;
+    with_body(report, contact, [](auto& body) { ++body.dropped_contacts; });
     return true;
   };
   const auto end = std::remove_if(workspace.contacts.begin(), workspace.contacts.end(), pulls);
@@ -59,8 +79,15 @@ bool drop_pulling_contacts(const Scene& scene, const State& state, Workspace& wo
 
 void report_contacts(const Scene& scene, const State& state, const Workspace& workspace, StepReport& report) {
   for (const Contact& contact : workspace.contacts) {
-    ToolReport& tool = report.tools[static_cast<std::size_t>(contact.tool)];
     const Vec3 force = contact_force(scene, state, contact, workspace);
+    const auto number = static_cast<std::size_t>(contact.tool);
+    if (number >= report.tools.size()) {
+      ObstacleReport& obstacle = report.obstacles[number - report.tools.size()];
+      obstacle.contact_force -= force;
+      ++obstacle.contacts;
+      continue;
+    }
+    ToolReport& tool = report.tools[number];
     tool.contact_torque -= contact.arm.cross(force);
     for (double weight : contact.weights) tool.tissue_force += weight * force;
     const double push = -force.dot(contact.normal);
@@ -164,9 +191,11 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
              Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
   find_contacts(scene, state, workspace);
   for (ToolReport& tool : report.tools) tool = ToolReport{};
+  for (ObstacleReport& obstacle : report.obstacles) obstacle = ObstacleReport{};
   for (const Contact& contact : workspace.contacts) {
-    double& depth = report.tools[static_cast<std::size_t>(contact.tool)].max_penetration_m;
-    depth = std::fmax(depth, contact.depth_m);
+    with_body(report, contact, [&](auto& body) {
+      body.max_penetration_m = std::fmax(body.max_penetration_m, contact.depth_m);
+    });
   }
   if (observer != nullptr) observer->stage_done(Stage::contacts);
 
@@ -174,11 +203,13 @@ void step_in(const Scene& scene, std::span<const DeviceSample> samples, State& s
   SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer,
                                           settings.tolerance, settings.velocity_floor_m_s);
   report.iterations = result.iterations;
+  const auto must_solve_again = [&] {
+    const bool dropped = drop_pulling_contacts(scene, state, workspace, report);
+    return correct_friction(scene, state, workspace) || dropped;
+  };
   constexpr int most_solves_again =
       4;  // what still pulls then is smaller by orders: the report's min_push tells
-  for (int again = 0; again < most_solves_again && scene.settings.contact.tension_rule &&
-                      drop_pulling_contacts(scene, state, workspace, report);
-       ++again) {
+  for (int again = 0; again < most_solves_again && scene.solves_again() && must_solve_again(); ++again) {
     result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
                                 settings.velocity_floor_m_s, true);
     report.iterations += result.iterations;
@@ -228,21 +259,14 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   workspace->motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
   if (scene.fracture)
     workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
-  if (scene.settings.detection == ContactDetection::surface_nodes && !scene.settings.tools.empty()) {
-    workspace->row_of_node.assign(nodes, -1);
-    workspace->touched.reserve(nodes);
-    workspace->contacts.reserve(nodes * scene.settings.tools.size());
-    return workspace;
-  }
-  std::size_t vertices = 0, most = 0;
-  for (const Tool& tool : scene.settings.tools) {
-    vertices += tool.surface.vertices.size();
-    most = std::max(most, tool.surface.vertices.size());
-  }
+  workspace->contacts.reserve(most_contacts(scene));
   if (!scene.settings.tools.empty()) {
     workspace->row_of_node.assign(nodes, -1);
-    workspace->touched.reserve(4 * most);
-    workspace->contacts.reserve(vertices);
+    workspace->touched.reserve(nodes);
+  }
+  if (scene.distance) {
+    std::size_t most = 0;
+    for (const Tool& tool : scene.settings.tools) most = std::max(most, tool.surface.vertices.size());
     workspace->vertices.reserve(most);
     workspace->search.found.reserve(most);
     workspace->search.candidates.reserve(scene.mesh.tets.size());
@@ -255,6 +279,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
 StepReport make_report(const Scene& scene) {
   StepReport report;
   report.tools.resize(scene.settings.tools.size());
+  report.obstacles.resize(scene.settings.obstacles.size());
   report.motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
   if (scene.fracture) report.fracture.emplace();
   return report;

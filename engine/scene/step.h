@@ -46,6 +46,13 @@ struct ToolReport {
   double min_push_N = 0;              // N, smallest normal force of a kept contact, > 0 pushes
 };
 
+struct ObstacleReport {
+  Vec3 contact_force = Vec3::Zero();  // N, of the tissue on the obstacle, by the law of contact
+  double max_penetration_m = 0;       // m, of the contacts found at the start of the step
+  std::int32_t contacts = 0;
+  std::int32_t dropped_contacts = 0;  // by the tension rule
+};
+
 struct StepReport {
   std::int64_t step = 0;  // number of the step that was done, from 0
   double time_s = 0;      // s, at the end of the step
@@ -56,6 +63,7 @@ struct StepReport {
   double kinetic_energy_J = 0;  // J, tissue, at the end of the step (0 unless the scene asks for energies)
   double elastic_energy_J = 0;  // J, tissue incl. springs, at the start of the step, likewise
   std::vector<ToolReport> tools;
+  std::vector<ObstacleReport> obstacles;
   std::vector<Vec3> motion_forces;         // [motions] N, that the nodes of the path exert on the tissue
   std::optional<FractureReport> fracture;  // in scenes that fracture
 };

@@ -1,5 +1,7 @@
 #include "engine/scene/system.h"
 
+#include "engine/scene/contact_system.h"
+
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -8,27 +10,6 @@
 
 namespace sulcus {
 namespace {
-
-using Mat36 = Eigen::Matrix<double, 3, 6>;
-
-Mat3 skew(const Vec3& u) {
-  Mat3 m;
-  m << 0, -u[2], u[1], u[2], 0, -u[0], -u[1], u[0], 0;
-  return m;
-}
-
-Mat3 response(const ContactLaw& law, const Vec3& normal) {
-  return law.anisotropy * Mat3::Identity() + (1 - law.anisotropy) * (normal * normal.transpose());
-}
-
-// Velocity of the tool's vertex minus that of the tissue's surface point.
-Vec3 gap_velocity(const Contact& contact, const EmbeddingMesh& mesh, std::span<const double> velocities,
-                  const Vec6& tool) {
-  Vec3 rate = tool.head<3>() + tool.tail<3>().cross(contact.arm);
-  const auto& nodes = mesh.tets[static_cast<std::size_t>(contact.tet)];
-  for (std::size_t c = 0; c < 4; ++c) rate -= contact.weights[c] * node_vector(velocities, nodes[c]);
-  return rate;
-}
 
 // The tool's own part of the system: inertia, virtual coupling, and the lever term of the contact forces.
 void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& state, std::size_t t,
@@ -53,8 +34,8 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
   // signed symmetric lever term G; left out where it would cost the block its definiteness
   Mat3 lever = Mat3::Zero();
   for (const Contact& contact : workspace.contacts) {
-    if (contact.tool != static_cast<std::int32_t>(t)) continue;
-    const Vec3 force = -law.stiffness_N_m * (response(law, contact.normal) * contact.gap);
+    if (contact.tool != static_cast<std::int32_t>(t) || law.explicit_forces) continue;
+    const Vec3 force = -law.stiffness_N_m * (respond(scene, contact).direction * contact.gap);
     lever += 0.5 * (contact.arm * force.transpose() + force * contact.arm.transpose()) -
              force.dot(contact.arm) * Mat3::Identity();
   }
@@ -73,128 +54,6 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
       tool.start.angular_momentum + h * (coupling.rotational_stiffness_N_m_rad * tool.misalignment +
                                          coupling.rotational_damping_N_m_s_rad * hand_rotation);
   tool.right_hand_side -= tool.matrix * tool.velocity;
-}
-
-// Calls visit(numbers, their saved copy) for all that the tissue's part holds at a contact's nodes and edges.
-template <class Real, class Visit>
-void for_each_saved(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace, std::size_t contact,
-                    Visit&& visit) {
-  const auto tet = static_cast<std::size_t>(numbers.saved_tets[contact]);
-  for (std::size_t k = 0; k < 6; ++k) {
-    const auto edge = static_cast<std::size_t>(scene.sparsity.tet_edges[6 * tet + k]);
-    visit(std::span(&numbers.system.blocks[12 * edge], 12),
-          std::span(&numbers.saved_blocks[12 * (6 * contact + k)], 12));
-  }
-  for (std::size_t c = 0; c < 4; ++c) {
-    const auto node = static_cast<std::size_t>(scene.mesh.tets[tet][c]);
-    visit(std::span(&numbers.system.node_terms[16 * node], 9),
-          std::span(&numbers.saved_terms[9 * (4 * contact + c)], 9));
-    visit(std::span(&workspace.forces[3 * node], 3),
-          std::span(&numbers.saved_forces[3 * (4 * contact + c)], 3));
-  }
-}
-
-template <class Real>
-void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
-  const std::size_t count = workspace.contacts.size();
-  numbers.saved_tets.clear();
-  for (const Contact& contact : workspace.contacts) numbers.saved_tets.push_back(contact.tet);
-  numbers.saved_blocks.resize(72 * count);
-  numbers.saved_terms.resize(36 * count);
-  numbers.saved_forces.resize(12 * count);
-  for (std::size_t c = 0; c < count; ++c) {
-    for_each_saved(scene, numbers, workspace, c,
-                   [](auto now, auto saved) { std::copy(now.begin(), now.end(), saved.begin()); });
-  }
-}
-
-// Backwards, so that of several copies of a place the first one saved is the last one restored.
-template <class Real>
-void restore_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
-  for (std::size_t c = numbers.saved_tets.size(); c-- > 0;) {
-    for_each_saved(scene, numbers, workspace, c,
-                   [](auto now, auto saved) { std::copy(saved.begin(), saved.end(), now.begin()); });
-  }
-}
-
-// Adds the contacts to matrix, tool blocks, borders and right-hand sides.
-template <class Real>
-void assemble_contacts(const Scene& scene, const State& state, Numbers<Real>& numbers, Workspace& workspace) {
-  const double h = scene.settings.step_s;
-  const ContactLaw& law = scene.settings.contact;
-  const double weight = h * (law.damping_N_s_m + h * law.stiffness_N_m);
-  static constexpr int corner_pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
-
-  for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
-    ToolSystem& tool = workspace.tools[t];
-    auto& rows = numbers.borders[t].rows;
-    workspace.touched.clear();
-    rows.clear();
-    for (const Contact& contact : workspace.contacts) {
-      if (contact.tool != static_cast<std::int32_t>(t)) continue;
-      for (std::size_t c = 0; c < 4; ++c) {
-        const std::int32_t node = scene.mesh.tets[static_cast<std::size_t>(contact.tet)][c];
-        std::int32_t& row = workspace.row_of_node[static_cast<std::size_t>(node)];
-        if (row < 0 && contact.weights[c] != 0) {
-          row = 0;
-          workspace.touched.push_back(node);
-        }
-      }
-    }
-    const auto slot = [&](std::int32_t node) {
-      return scene.sparsity.slot_of_node[static_cast<std::size_t>(node)];
-    };
-    std::sort(workspace.touched.begin(), workspace.touched.end(),
-              [&](std::int32_t a, std::int32_t b) { return slot(a) < slot(b); });
-    for (std::size_t r = 0; r < workspace.touched.size(); ++r) {
-      const std::int32_t node = workspace.touched[r];
-      workspace.row_of_node[static_cast<std::size_t>(node)] = static_cast<std::int32_t>(r);
-      typename ToolBorder<Real>::Row row;
-      row.chunk = slot(node) / 16;
-      row.offset = row.chunk * 48 + slot(node) % 16;
-      rows.push_back(row);
-    }
-
-    for (const Contact& contact : workspace.contacts) {
-      if (contact.tool != static_cast<std::int32_t>(t)) continue;
-      const Mat3 n = response(law, contact.normal);
-      Mat36 jacobian;  // of the vertex' velocity by the tool's
-      jacobian << Mat3::Identity(), -skew(contact.arm);
-      const Vec3 push = n * (h * law.stiffness_N_m * contact.gap +
-                             weight * gap_velocity(contact, scene.mesh, state.velocities, tool.velocity));
-      tool.matrix += weight * (jacobian.transpose() * (n * jacobian));
-      tool.right_hand_side -= jacobian.transpose() * push;
-
-      const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
-      for (std::size_t c = 0; c < 4; ++c) {
-        if (contact.weights[c] == 0) continue;
-        const auto node = static_cast<std::size_t>(nodes[c]);
-        for (std::size_t d = 0; d < 3; ++d) {
-          workspace.forces[3 * node + d] += contact.weights[c] * push[static_cast<Eigen::Index>(d)];
-        }
-        Real* terms = &numbers.system.node_terms[16 * node];
-        for (int i = 0; i < 3; ++i) {
-          for (int j = 0; j < 3; ++j)
-            terms[3 * i + j] += static_cast<Real>(weight * contact.weights[c] * n(i, j));
-        }
-        auto& b = rows[static_cast<std::size_t>(workspace.row_of_node[node])].b;
-        const Mat36 block = (-weight * contact.weights[c]) * (n * jacobian);
-        for (int i = 0; i < 3; ++i) {
-          for (int j = 0; j < 6; ++j)
-            b[static_cast<std::size_t>(6 * i + j)] += static_cast<Real>(block(i, j));
-        }
-      }
-      for (std::size_t k = 0; k < 6; ++k) {
-        const double scale = weight * contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
-                             contact.weights[static_cast<std::size_t>(corner_pairs[k][1])];
-        if (scale != 0) {
-          add_edge_block(numbers.system,
-                         scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k], scale * n);
-        }
-      }
-    }
-    for (std::int32_t node : workspace.touched) workspace.row_of_node[static_cast<std::size_t>(node)] = -1;
-  }
 }
 
 // Matrix of the tissue without contacts; workspace.forces becomes its right-hand side, impulses [N s].
@@ -364,12 +223,9 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   auto numbers = std::make_unique<Numbers<Real>>();
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
-  if (!scene.settings.tools.empty() && scene.settings.contact.tension_rule) {
+  if (scene.solves_again()) {
     numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
-    std::size_t contacts = 0;
-    for (const Tool& tool : scene.settings.tools) contacts += tool.surface.vertices.size();
-    if (scene.settings.detection == ContactDetection::surface_nodes)
-      contacts = scene.mesh.rest_positions.size() * scene.settings.tools.size();
+    const std::size_t contacts = most_contacts(scene);
     numbers->saved_tets.reserve(contacts);
     numbers->saved_blocks.reserve(72 * contacts);
     numbers->saved_terms.reserve(36 * contacts);
@@ -383,20 +239,6 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
                                               : 4 * scene.settings.tools[t].surface.vertices.size());
   }
   return numbers;
-}
-
-// Force of a contact on the tissue after the solve.
-Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
-                   const Workspace& workspace) {
-  const ContactLaw& law = scene.settings.contact;
-  const ToolSystem& tool = workspace.tools[static_cast<std::size_t>(contact.tool)];
-  Vec3 rate = gap_velocity(contact, scene.mesh, state.velocities, tool.velocity + tool.increment);
-  const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
-  for (std::size_t c = 0; c < 4; ++c)
-    rate -= contact.weights[c] * node_vector(workspace.increments, nodes[c]);
-  return response(law, contact.normal) *
-         (law.stiffness_N_m * contact.gap +
-          (law.damping_N_s_m + scene.settings.step_s * law.stiffness_N_m) * rate);
 }
 
 // Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver

@@ -1,6 +1,6 @@
 #include "scenarios/loader/parse.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -10,69 +10,12 @@
 #include "engine/numerics/error.h"
 #include "engine/volume/separation.h"
 #include "scenarios/loader/images.h"
-#include "scenarios/loader/tools.h"
+#include "scenarios/loader/parse_json.h"
+#include "scenarios/loader/parse_tools.h"
 
 namespace sulcus {
 
 namespace {
-
-using nlohmann::json;
-using Problems = std::vector<std::string>;
-
-constexpr double radians_per_degree = 3.14159265358979323846 / 180;
-constexpr double end_slack_s = 1e-9;  // s, within which a scripted device still gives its last pose
-
-// The member, or an empty object.
-const json& part(const json& object, const char* key) {
-  static const json nothing = json::object();
-  const auto member = object.find(key);
-  return member == object.end() ? nothing : *member;
-}
-
-// Replaces `value` if the key is there.
-template <class T>
-void read(const json& object, const char* key, T& value) {
-  if (const auto member = object.find(key); member != object.end()) value = member->template get<T>();
-}
-
-void read_mm(const json& object, const char* key, double& value_m) {
-  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
-}
-
-Vec3 vector(const json& array) {
-  return {array[0].get<double>(), array[1].get<double>(), array[2].get<double>()};
-}
-
-void read(const json& object, const char* key, Vec3& value) {
-  if (object.contains(key)) value = vector(object[key]);
-}
-
-void read_mm(const json& object, const char* key, Vec3& value_m) {
-  if (object.contains(key)) value_m = vector(object[key]) / 1000;
-}
-
-template <class T>
-void read(const json& object, const char* key, std::optional<T>& value) {
-  if (object.contains(key)) value = object[key].get<T>();
-}
-
-void read_mm(const json& object, const char* key, std::optional<double>& value_m) {
-  if (object.contains(key)) value_m = object[key].get<double>() / 1000;
-}
-
-std::string text_of(double value) {
-  return json(value).dump();
-}
-
-// Runs `action`; what it refuses becomes a problem at `pointer`.
-template <class Action>
-void collect(Problems& problems, const std::string& pointer, Action&& action) {
-  try {
-    action();
-  } catch (const InputError& error) {
-    problems.push_back(pointer + ": " + error.what());
-  }
-}
 
 std::optional<std::int32_t> label_of_key(const std::string& key, const std::string& pointer,
                                          Problems& problems) {
@@ -266,9 +209,6 @@ NodeRegion read_region(const json& object, const std::string& pointer, Problems&
   return region;
 }
 
-ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
-                               const std::string& pointer, Problems& problems);
-
 void read_motions(const json& list, Scenario& scenario, Problems& problems) {
   std::set<std::string> names;
   for (const json& object : list) {
@@ -305,130 +245,6 @@ void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
     scenario.planes.push_back(region);
   }
   read_motions(object.value("motions", json::array()), scenario, problems);
-}
-
-ToolSurface read_shape(const json& object) {
-  if (object.contains("retractor")) {
-    const json& retractor = object["retractor"];
-    RetractorShape shape;
-    read_mm(retractor, "length_mm", shape.length_m);
-    read_mm(retractor, "width_mm", shape.width_m);
-    read_mm(retractor, "thickness_mm", shape.thickness_m);
-    if (retractor.contains("bend_deg"))
-      shape.bend_rad = retractor["bend_deg"].get<double>() * radians_per_degree;
-    return retractor_surface(shape);
-  }
-  if (object.contains("sphere")) {
-    SphereShape shape;
-    read_mm(object["sphere"], "radius_mm", shape.radius_m);
-    read(object["sphere"], "subdivisions", shape.subdivisions);
-    return sphere_surface(shape);
-  }
-  if (object.contains("box")) {
-    BoxShape shape;
-    read_mm(object["box"], "size_mm", shape.size_m);
-    read_mm(object["box"], "edge_mm", shape.edge_m);
-    return box_surface(shape);
-  }
-  CapsuleShape shape;
-  read_mm(object["capsule"], "radius_mm", shape.radius_m);
-  read_mm(object["capsule"], "length_mm", shape.length_m);
-  return capsule_surface(shape);
-}
-
-void read_inertia(const json& value, Mat3& inertia, const std::string& pointer, Problems& problems) {
-  if (value.is_number()) {
-    inertia = Mat3::Identity() * value.get<double>();
-  } else if (value.size() == 3) {
-    inertia = vector(value).asDiagonal();
-  } else if (value.size() == 9) {
-    for (int entry = 0; entry < 9; ++entry)
-      inertia(entry / 3, entry % 3) = value[static_cast<std::size_t>(entry)];
-  } else {
-    problems.push_back(pointer + ": found " + std::to_string(value.size()) + " numbers, expected 1, 3 or 9");
-    return;
-  }
-  const bool symmetric = inertia == inertia.transpose();
-  if (!symmetric || !(Eigen::SelfAdjointEigenSolver<Mat3>(inertia).eigenvalues()[0] > 0)) {
-    problems.push_back(pointer + ": the inertia must be symmetric and positive definite");
-  }
-}
-
-// position_key: "position_mm" of a tool, "shift_mm" of nodes, whose first way-point may leave it out.
-ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
-                               const std::string& pointer, Problems& problems) {
-  ScriptedTrajectory script;
-  Waypoint waypoint;
-  Vec3 axis = Vec3::UnitZ();
-  double angle_deg = 0;
-  for (const json& object : waypoints) {
-    const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
-    const double before_s = waypoint.time_s;
-    read(object, "time_s", waypoint.time_s);
-    read_mm(object, position_key, waypoint.position_m);
-    read(object, "axis", axis);
-    read(object, "angle_deg", angle_deg);
-    const std::string path = object.value("path", "minimum_jerk");
-    waypoint.path = path == "hold" ? Path::hold : path == "linear" ? Path::linear : Path::minimum_jerk;
-    if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
-    waypoint.orientation =
-        quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
-    if (script.waypoints.empty() && std::string(position_key) == "position_mm" &&
-        !object.contains(position_key)) {
-      problems.push_back(place + ": the first way-point must have a position_mm");
-    }
-    if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
-      problems.push_back(place + "/time_s: found " + text_of(waypoint.time_s) + " s after " +
-                         text_of(before_s) + " s; times must increase");
-      return script;
-    }
-    script.waypoints.push_back(waypoint);
-  }
-  const double end_s = script.waypoints.back().time_s;
-  if (end_s + end_slack_s < run_s) {
-    problems.push_back(pointer + ": the trajectory ends at " + text_of(end_s) + " s, the run lasts " +
-                       text_of(run_s) +
-                       " s; add a way-point (path \"hold\" stays in place) or shorten /time/duration_s");
-  }
-  collect(problems, pointer, [&] { make_scripted_device(script); });
-  return script;
-}
-
-void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
-  std::set<std::string> names;
-  for (const json& object : tools) {
-    const std::string pointer = "/tools/" + std::to_string(scenario.scene.tools.size());
-    Tool tool;
-    read(object, "name", tool.name);
-    if (!names.insert(tool.name).second)
-      problems.push_back(pointer + "/name: \"" + tool.name + "\" is taken");
-    collect(problems, pointer + "/shape", [&] { tool.surface = read_shape(object["shape"]); });
-    read(object, "mass_kg", tool.body.mass_kg);
-    if (object.contains("inertia_kg_m2")) {
-      read_inertia(object["inertia_kg_m2"], tool.body.inertia_kg_m2, pointer + "/inertia_kg_m2", problems);
-    }
-    const json& coupling = part(object, "coupling");
-    read(coupling, "stiffness_N_m", tool.coupling.stiffness_N_m);
-    read(coupling, "damping_N_s_m", tool.coupling.damping_N_s_m);
-    read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
-    read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
-    read(object, "output_filter_Hz", tool.filter_Hz);
-    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
-                                           static_cast<double>(scenario.steps()) * scenario.scene.step_s,
-                                           pointer + "/device/scripted/waypoints", problems));
-    scenario.scene.tools.push_back(std::move(tool));
-  }
-}
-
-void read_contact(const json& object, SceneDescription& scene) {
-  ContactLaw& contact = scene.contact;
-  read(object, "stiffness_N_m", contact.stiffness_N_m);
-  read(object, "damping_N_s_m", contact.damping_N_s_m);
-  read(object, "anisotropy", contact.anisotropy);
-  read(object, "tension_rule", contact.tension_rule);
-  scene.detection = object.value("detection", "embedded_vertices") == "surface_nodes"
-                        ? ContactDetection::surface_nodes
-                        : ContactDetection::embedded_vertices;
 }
 
 void read_fracture(const json& object, Scenario& scenario, Problems& problems) {
@@ -627,6 +443,7 @@ Scenario parse_scenario(const json& document, const std::string& place,
   read_boundary(part(document, "boundary"), scenario, problems);
   read_tools(document.value("tools", json::array()), scenario, problems);
   read_contact(part(document, "contact"), scenario.scene);
+  read_obstacles(document.value("obstacles", json::array()), scenario, problems);
   if (document.contains("fracture")) read_fracture(document["fracture"], scenario, problems);
   read_solver(part(document, "solver"), scenario);
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);

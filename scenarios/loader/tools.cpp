@@ -261,6 +261,35 @@ ToolSurface capsule_surface(const CapsuleShape& shape) {
   return centred(std::move(surface));
 }
 
+ToolSurface torus_surface(const TorusShape& shape) {
+  require_positive(shape.radius_m, "radius (m)");
+  require_positive(shape.tube_radius_m, "radius of the tube (m)");
+  refuse_if(shape.tube_radius_m >= shape.radius_m, "the tube of a torus must be thinner than its hole");
+  constexpr int around = 64, tube = 32;
+  ToolSurface surface;
+  const auto at = [&](int i, int j) { return i % around * tube + j % tube; };
+  for (int i = 0; i < around; ++i) {
+    const double turn = 2 * pi * i / around;
+    for (int j = 0; j < tube; ++j) {
+      const double roll = 2 * pi * j / tube;
+      const double out = shape.radius_m + shape.tube_radius_m * det_cos(roll);
+      surface.vertices.emplace_back(out * det_cos(turn), out * det_sin(turn),
+                                    shape.tube_radius_m * det_sin(roll));
+      surface.triangles.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
+      surface.triangles.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+    }
+  }
+  return surface;
+}
+
+ToolSurface floor_surface(const FloorShape& shape) {
+  require_positive(shape.size_m, "size (m)");
+  const double thickness = shape.size_m / 5;
+  ToolSurface surface = box_surface({Vec3(shape.size_m, shape.size_m, thickness), thickness});
+  for (Vec3& vertex : surface.vertices) vertex[2] -= 0.5 * thickness;
+  return surface;
+}
+
 SolidMoments solid_moments(const ToolSurface& surface) {
   // Sum over the tetrahedra of the origin and each triangle; second moments of a tetrahedron with a corner in
   // the origin: V/20 (a a^T + b b^T + c c^T + s s^T), s = a + b + c.

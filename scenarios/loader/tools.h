@@ -36,12 +36,25 @@ struct CapsuleShape {
   double length_m = 0.040;  // m, tip to tip, > 2 radii
 };
 
+// A ring about the z axis.
+struct TorusShape {
+  double radius_m = 0.03;       // m, of the tube's middle line
+  double tube_radius_m = 0.01;  // m, < radius
+};
+
+// A plate whose upper face lies in the plane z = 0 of its body axes: the one shape that is not centred.
+struct FloorShape {
+  double size_m = 1;  // m, edge of the square; a fifth as thick
+};
+
 // Throw InputError for sizes that are not positive and finite or contradict each other, and for meshes of
 // more than a million vertices.
 ToolSurface retractor_surface(const RetractorShape& shape);
 ToolSurface sphere_surface(const SphereShape& shape);
 ToolSurface box_surface(const BoxShape& shape);
 ToolSurface capsule_surface(const CapsuleShape& shape);
+ToolSurface torus_surface(const TorusShape& shape);
+ToolSurface floor_surface(const FloorShape& shape);
 
 // Volume [m^3], centre of mass [m] and inertia tensor per density [m^5] about the centre of mass of the
 // homogeneous solid that a closed surface bounds.

@@ -34,6 +34,10 @@ void render_shots(const Scenario& scenario, const Scene& scene, const std::vecto
       picture.tools.push_back(
           {&scene.settings.tools[t].surface, tool.position, tool.orientation, Vec3::Zero(), Vec3::Zero()});
     }
+    for (const Obstacle& obstacle : scene.settings.obstacles) {
+      picture.tools.push_back(
+          {&obstacle.surface, obstacle.position, obstacle.orientation, Vec3::Zero(), Vec3::Zero()});
+    }
     picture.label_colours.insert(scenario.label_colours.begin(), scenario.label_colours.end());
     if (shot.show == ShotContent::max_principal_stress) {
       stress = max_principal_stress(scene, state);

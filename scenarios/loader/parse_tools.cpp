@@ -1,0 +1,180 @@
+#include "scenarios/loader/parse_tools.h"
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+#include <set>
+
+#include "scenarios/loader/parse_json.h"
+#include "scenarios/loader/tools.h"
+
+namespace sulcus {
+
+namespace {
+
+constexpr double end_slack_s = 1e-9;  // s, within which a scripted device still gives its last pose
+
+ToolSurface read_shape(const json& object) {
+  if (object.contains("retractor")) {
+    const json& retractor = object["retractor"];
+    RetractorShape shape;
+    read_mm(retractor, "length_mm", shape.length_m);
+    read_mm(retractor, "width_mm", shape.width_m);
+    read_mm(retractor, "thickness_mm", shape.thickness_m);
+    if (retractor.contains("bend_deg"))
+      shape.bend_rad = retractor["bend_deg"].get<double>() * radians_per_degree;
+    return retractor_surface(shape);
+  }
+  if (object.contains("sphere")) {
+    SphereShape shape;
+    read_mm(object["sphere"], "radius_mm", shape.radius_m);
+    read(object["sphere"], "subdivisions", shape.subdivisions);
+    return sphere_surface(shape);
+  }
+  if (object.contains("box")) {
+    BoxShape shape;
+    read_mm(object["box"], "size_mm", shape.size_m);
+    read_mm(object["box"], "edge_mm", shape.edge_m);
+    return box_surface(shape);
+  }
+  if (object.contains("torus")) {
+    TorusShape shape;
+    read_mm(object["torus"], "radius_mm", shape.radius_m);
+    read_mm(object["torus"], "tube_radius_mm", shape.tube_radius_m);
+    return torus_surface(shape);
+  }
+  if (object.contains("floor")) {
+    FloorShape shape;
+    read_mm(object["floor"], "size_mm", shape.size_m);
+    return floor_surface(shape);
+  }
+  CapsuleShape shape;
+  read_mm(object["capsule"], "radius_mm", shape.radius_m);
+  read_mm(object["capsule"], "length_mm", shape.length_m);
+  return capsule_surface(shape);
+}
+
+void read_inertia(const json& value, Mat3& inertia, const std::string& pointer, Problems& problems) {
+  if (value.is_number()) {
+    inertia = Mat3::Identity() * value.get<double>();
+  } else if (value.size() == 3) {
+    inertia = vector(value).asDiagonal();
+  } else if (value.size() == 9) {
+    for (int entry = 0; entry < 9; ++entry)
+      inertia(entry / 3, entry % 3) = value[static_cast<std::size_t>(entry)];
+  } else {
+    problems.push_back(pointer + ": found " + std::to_string(value.size()) + " numbers, expected 1, 3 or 9");
+    return;
+  }
+  const bool symmetric = inertia == inertia.transpose();
+  if (!symmetric || !(Eigen::SelfAdjointEigenSolver<Mat3>(inertia).eigenvalues()[0] > 0)) {
+    problems.push_back(pointer + ": the inertia must be symmetric and positive definite");
+  }
+}
+
+void read_law(const json& object, ContactLaw& law) {
+  read(object, "stiffness_N_m", law.stiffness_N_m);
+  read(object, "damping_N_s_m", law.damping_N_s_m);
+  read(object, "anisotropy", law.anisotropy);
+  read(object, "tension_rule", law.tension_rule);
+  read(object, "friction", law.friction);
+  read(object, "friction_speed_m_s", law.friction_speed_m_s);
+  if (object.contains("response")) law.explicit_forces = object["response"] == "explicit_penalty";
+}
+
+}  // namespace
+
+ScriptedTrajectory read_script(const json& waypoints, const char* position_key, double run_s,
+                               const std::string& pointer, Problems& problems) {
+  ScriptedTrajectory script;
+  Waypoint waypoint;
+  Vec3 axis = Vec3::UnitZ();
+  double angle_deg = 0;
+  for (const json& object : waypoints) {
+    const std::string place = pointer + "/" + std::to_string(script.waypoints.size());
+    const double before_s = waypoint.time_s;
+    read(object, "time_s", waypoint.time_s);
+    read_mm(object, position_key, waypoint.position_m);
+    read(object, "axis", axis);
+    read(object, "angle_deg", angle_deg);
+    const std::string path = object.value("path", "minimum_jerk");
+    waypoint.path = path == "hold" ? Path::hold : path == "linear" ? Path::linear : Path::minimum_jerk;
+    if (!(axis.norm() > 0)) problems.push_back(place + "/axis: the axis has no length; give a direction");
+    waypoint.orientation =
+        quaternion_from_rotation_vector(axis.normalized() * (angle_deg * radians_per_degree));
+    if (script.waypoints.empty() && std::string(position_key) == "position_mm" &&
+        !object.contains(position_key)) {
+      problems.push_back(place + ": the first way-point must have a position_mm");
+    }
+    if (!script.waypoints.empty() && !(waypoint.time_s > before_s)) {
+      problems.push_back(place + "/time_s: found " + text_of(waypoint.time_s) + " s after " +
+                         text_of(before_s) + " s; times must increase");
+      return script;
+    }
+    script.waypoints.push_back(waypoint);
+  }
+  const double end_s = script.waypoints.back().time_s;
+  if (end_s + end_slack_s < run_s) {
+    problems.push_back(pointer + ": the trajectory ends at " + text_of(end_s) + " s, the run lasts " +
+                       text_of(run_s) +
+                       " s; add a way-point (path \"hold\" stays in place) or shorten /time/duration_s");
+  }
+  collect(problems, pointer, [&] { make_scripted_device(script); });
+  return script;
+}
+
+void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
+  std::set<std::string> names;
+  for (const json& object : tools) {
+    const std::string pointer = "/tools/" + std::to_string(scenario.scene.tools.size());
+    Tool tool;
+    read(object, "name", tool.name);
+    if (!names.insert(tool.name).second)
+      problems.push_back(pointer + "/name: \"" + tool.name + "\" is taken");
+    collect(problems, pointer + "/shape", [&] { tool.surface = read_shape(object["shape"]); });
+    read(object, "mass_kg", tool.body.mass_kg);
+    if (object.contains("inertia_kg_m2")) {
+      read_inertia(object["inertia_kg_m2"], tool.body.inertia_kg_m2, pointer + "/inertia_kg_m2", problems);
+    }
+    const json& coupling = part(object, "coupling");
+    read(coupling, "stiffness_N_m", tool.coupling.stiffness_N_m);
+    read(coupling, "damping_N_s_m", tool.coupling.damping_N_s_m);
+    read(coupling, "rotational_stiffness_N_m_rad", tool.coupling.rotational_stiffness_N_m_rad);
+    read(coupling, "rotational_damping_N_m_s_rad", tool.coupling.rotational_damping_N_m_s_rad);
+    read(object, "output_filter_Hz", tool.filter_Hz);
+    scenario.scripts.push_back(read_script(object["device"]["scripted"]["waypoints"], "position_mm",
+                                           static_cast<double>(scenario.steps()) * scenario.scene.step_s,
+                                           pointer + "/device/scripted/waypoints", problems));
+    scenario.scene.tools.push_back(std::move(tool));
+  }
+}
+
+void read_contact(const json& object, SceneDescription& scene) {
+  read_law(object, scene.contact);
+  scene.detection = object.value("detection", "embedded_vertices") == "surface_nodes"
+                        ? ContactDetection::surface_nodes
+                        : ContactDetection::embedded_vertices;
+}
+
+void read_obstacles(const json& list, Scenario& scenario, Problems& problems) {
+  std::set<std::string> names;
+  for (const Tool& tool : scenario.scene.tools) names.insert(tool.name);
+  for (const json& object : list) {
+    const std::string pointer = "/obstacles/" + std::to_string(scenario.scene.obstacles.size());
+    Obstacle obstacle;
+    read(object, "name", obstacle.name);
+    if (!names.insert(obstacle.name).second)
+      problems.push_back(pointer + "/name: \"" + obstacle.name + "\" is taken");
+    collect(problems, pointer + "/shape", [&] { obstacle.surface = read_shape(object["shape"]); });
+    read_mm(object, "position_mm", obstacle.position);
+    Vec3 axis = Vec3::UnitZ();
+    read(object, "axis", axis);
+    if (!(axis.norm() > 0)) problems.push_back(pointer + "/axis: the axis has no length; give a direction");
+    obstacle.orientation = quaternion_from_rotation_vector(
+        axis.normalized() * (object.value("angle_deg", 0.0) * radians_per_degree));
+    obstacle.contact = scenario.scene.contact;
+    read_law(part(object, "contact"), obstacle.contact);
+    scenario.scene.obstacles.push_back(std::move(obstacle));
+  }
+}
+
+}  // namespace sulcus
