@@ -309,7 +309,7 @@ void read_measures(const json& list, Scenario& scenario, Problems& problems) {
     read(object, "at_most", measure.at_most);
     const auto is_named = [&](const Tool& tool) { return tool.name == measure.tool; };
     const std::vector<Tool>& tools = scenario.scene.tools;
-    if (measure.what == "least_travel_mm" || measure.what == "opening_mm") {
+    if (measure.what == "least_position_mm" || measure.what == "opening_mm") {
       if (!measure.tool.empty())
         problems.push_back(pointer + "/tool: this is no measure of a tool; leave it out");
     } else if (std::none_of(tools.begin(), tools.end(), is_named)) {
