@@ -166,15 +166,13 @@ Found measure_tool(const RunData& run, const Measure& measure) {
   return {nothing, 0, "no such measure"};
 }
 
-Found least_travel(const RunData& run, const Vec3& along) {
-  const std::vector<double>&rest = run.header.rest_positions, &end = run.final_state.positions;
-  if (end.size() != rest.size()) return {nothing, 0, "the final state has other nodes"};
+Found least_position(const RunData& run, const Vec3& along) {
+  const std::vector<double>& end = run.final_state.positions;
   Found found;
-  for (std::size_t i = 0; i + 2 < rest.size(); i += 3) {
-    const Vec3 moved(end[i] - rest[i], end[i + 1] - rest[i + 1], end[i + 2] - rest[i + 2]);
-    const double travel_mm = 1e3 * moved.dot(along.normalized());
-    if (found.comparisons++ > 0 && !(travel_mm < found.value)) continue;
-    found.value = travel_mm;
+  for (std::size_t i = 0; i + 2 < end.size(); i += 3) {
+    const double place_mm = 1e3 * Vec3(end[i], end[i + 1], end[i + 2]).dot(along.normalized());
+    if (found.comparisons++ > 0 && !(place_mm < found.value)) continue;
+    found.value = place_mm;
     found.detail = "node " + std::to_string(i / 3);
   }
   return found;
@@ -206,7 +204,7 @@ Found opening(const RunData& run, const Measure& measure) {
 }
 
 Found find(const RunData& run, const Measure& measure) {
-  if (measure.what == "least_travel_mm") return least_travel(run, measure.along);
+  if (measure.what == "least_position_mm") return least_position(run, measure.along);
   if (measure.what == "opening_mm") return opening(run, measure);
   return measure_tool(run, measure);
 }

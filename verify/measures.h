@@ -30,8 +30,8 @@ namespace sulcus {
 //
 // Of the tissue, without a tool:
 //
-//   least_travel_mm    smallest displacement of a node along `along` from rest to the end of the run: all of
-//                      the tissue has come so far
+//   least_position_mm  smallest coordinate along `along` of any node at the end of the run: all of the tissue
+//                      is beyond
 //   opening_mm         largest distance between two nodes that share a place at rest, over the recorded
 //   frames
 //                      of the window: how wide a fissure is open

@@ -42,7 +42,7 @@ RunData run_of(const std::function<Vec3(double)>& force, const std::function<dou
 }
 
 double value_of(const RunData& run, Measure measure) {
-  if (measure.what != "least_travel_mm" && measure.tool.empty()) measure.tool = "ball";
+  if (measure.what != "least_position_mm" && measure.tool.empty()) measure.tool = "ball";
   measure.at_least = 0;
   const std::vector<Check> checks = check_measures(run, std::span(&measure, 1));
   EXPECT_EQ(checks.size(), 1U);
@@ -119,11 +119,11 @@ TEST(Measures, StepResponseIsSettledAfterTheLastStepThatIsNot) {
   EXPECT_TRUE(std::isnan(value_of(run, settling)));
 }
 
-TEST(Measures, TravelIsThatOfTheNodeThatCameLeastFar) {
+TEST(Measures, PositionIsThatOfTheNodeThatIsFarthestBehind) {
   const RunData run = run_of([](double) { return Vec3(0, 0, 0); }, no_turn);
-  Measure travel = measure_of("least_travel_mm");
-  travel.along = {2, 0, 0};
-  EXPECT_NEAR(value_of(run, travel), 80, 1e-9);
+  Measure position = measure_of("least_position_mm");
+  position.along = {2, 0, 0};
+  EXPECT_NEAR(value_of(run, position), 90, 1e-9);
 }
 
 TEST(Measures, OpeningIsBetweenNodesThatShareAPlaceAtRest) {

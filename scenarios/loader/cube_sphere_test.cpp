@@ -14,7 +14,7 @@ std::string path_of(const std::string& name) {
 }
 
 TEST(CubeSphere, HasTheMeshOfTheThesis) {
-  for (const char* name : {"cube_sphere_a", "cube_sphere_c"}) {
+  for (const char* name : {"cube_sphere_a", "cube_sphere_b", "cube_sphere_c"}) {
     const Scene scene = make_scene(load_scenario(path_of(name)));
     EXPECT_EQ(scene.node_count(), 1331) << name;
     EXPECT_EQ(scene.tet_count(), 5000) << name;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "engine/numerics/error.h"
@@ -93,6 +94,41 @@ LabelMap generate(const SphereSegment& shape) {
   LabelMap map = empty_map(Vec3::Constant(shape.diameter_m), shape.voxel_size_m);
   const double radius = 0.5 * map.size[0];
   fill(map, [&](const Vec3& centre) { return centre.squaredNorm() > radius * radius ? 0 : shape.label; });
+  return map;
+}
+
+LabelMap generate(const BallsSegment& shape) {
+  require_label(shape.label);
+  if (shape.balls.empty()) throw InputError("generated label map: there is no ball; give one at least");
+  if (!(shape.blend_m >= 0) || !std::isfinite(shape.blend_m))
+    throw InputError("generated label map: the blend must not be negative");
+  require_positive(shape.voxel_size_m, "the voxel size");
+  // in voxels: the box around all balls and their fillets, which stand out by a quarter of the blend at most
+  Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
+  const double blend = shape.blend_m / shape.voxel_size_m;
+  for (const auto& ball : shape.balls) {
+    require_positive(ball.radius_m, "the radius of a ball");
+    if (!ball.centre_m.allFinite()) throw InputError("generated label map: a ball's centre is not finite");
+    const Vec3 centre = ball.centre_m / shape.voxel_size_m;
+    const double reach = ball.radius_m / shape.voxel_size_m + blend / 4;
+    low = low.cwiseMin(centre - Vec3::Constant(reach));
+    high = high.cwiseMax(centre + Vec3::Constant(reach));
+  }
+  low = low.array().floor();
+  high = high.array().ceil();
+  LabelMap map = empty_map((high - low) * shape.voxel_size_m, shape.voxel_size_m);
+  map.origin = (low + Vec3::Constant(0.5)) * shape.voxel_size_m;
+  const Vec3 middle = 0.5 * (low + high);
+  fill(map, [&](const Vec3& centre) {
+    double distance = std::numeric_limits<double>::infinity();  // voxels, to the balls so far
+    for (const auto& ball : shape.balls) {
+      const double next =
+          (middle + centre - ball.centre_m / shape.voxel_size_m).norm() - ball.radius_m / shape.voxel_size_m;
+      const double nearer = std::min(distance, next), overlap = blend - std::abs(distance - next);
+      distance = overlap > 0 ? nearer - overlap * overlap / (4 * blend) : nearer;
+    }
+    return distance > 0 ? 0 : shape.label;
+  });
   return map;
 }
 

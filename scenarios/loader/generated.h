@@ -1,6 +1,6 @@
-// Label maps that need no file: simple bodies of voxels, centred on the world's origin, axes along the
-// world's. All sizes in metres; the number of voxels along an axis is the size divided by the voxel size,
-// rounded to nearest.
+// Label maps that need no file: simple bodies of voxels, centred on the world's origin (where nothing else is
+// said), axes along the world's. All sizes in metres; the number of voxels along an axis is the size divided
+// by the voxel size, rounded to nearest.
 #pragma once
 
 #include <string>
@@ -35,6 +35,19 @@ struct SphereSegment {
   std::int32_t label = 1;
 };
 
+// Balls that melt into each other, for bodies as round and as knobbly as an animal. Not centred: positions
+// are the world's; voxel borders lie at whole multiples of the voxel size.
+struct BallsSegment {
+  struct Ball {
+    Vec3 centre_m = Vec3::Zero();  // m
+    double radius_m = 0;           // m
+  };
+  std::vector<Ball> balls;
+  double blend_m = 0;          // m: two balls whose surfaces are nearer than this are joined by a fillet
+  double voxel_size_m = 1e-3;  // m
+  std::int32_t label = 1;
+};
+
 // A drawing one voxel thick, for scenes in a plane: each character is a voxel, '.' empty, '1' to '9' a label.
 // The first row is at the top (largest y), x runs along a row; shorter rows are filled up with empty voxels.
 struct DrawnSegments {
@@ -49,6 +62,7 @@ struct DrawnSegments {
 LabelMap generate(const CylinderThreeSegments& shape);
 LabelMap generate(const BoxSegment& shape);
 LabelMap generate(const SphereSegment& shape);
+LabelMap generate(const BallsSegment& shape);
 LabelMap generate(const DrawnSegments& drawing);  // throws InputError also for other characters
 
 inline constexpr std::int64_t max_generated_voxels = std::int64_t{1} << 28;

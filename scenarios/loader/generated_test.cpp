@@ -87,5 +87,38 @@ TEST(GeneratedMaps, ImpossibleShapesAreRefused) {
   EXPECT_THROW(generate(CylinderThreeSegments{.gap_m = -1}), InputError);
 }
 
+TEST(GeneratedBalls, AreWhereTheyAreSaidToBeAndMeltIntoEachOther) {
+  BallsSegment shape;
+  shape.balls = {{Vec3(0.1, 0.02, 0), 0.01}, {Vec3(0.125, 0.02, 0), 0.01}};  // 5 mm apart
+  shape.voxel_size_m = 0.0005;
+  const auto volume_m3 = [&](const LabelMap& map) {
+    std::int64_t voxels = 0;
+    for (const std::int32_t label : map.labels) voxels += label != 0;
+    return static_cast<double>(voxels) * 1.25e-10;
+  };
+  const auto label_at = [](const LabelMap& map, const Vec3& point) {
+    const Vec3 voxel = map.to_voxel(point);
+    return map
+        .labels[map.index(static_cast<int>(std::lround(voxel[0])), static_cast<int>(std::lround(voxel[1])),
+                          static_cast<int>(std::lround(voxel[2])))];
+  };
+  const double two_balls = 2 * 4.0 / 3 * 3.14159265358979 * 1e-6;
+  const LabelMap apart = generate(shape);
+  EXPECT_NEAR(volume_m3(apart), two_balls, 0.005 * two_balls);
+  EXPECT_EQ(label_at(apart, {0.1, 0.02, 0.0095}), 1);
+  EXPECT_EQ(label_at(apart, {0.1125, 0.02, 0}), 0);
+  shape.blend_m = 0.02;
+  const LabelMap joined = generate(shape);
+  EXPECT_GT(volume_m3(joined), 1.05 * two_balls);
+  EXPECT_EQ(label_at(joined, {0.1125, 0.02, 0}), 1);
+  // where only one ball is near, nothing changes
+  EXPECT_EQ(label_at(joined, {0.0905, 0.02, 0}), 1);
+  EXPECT_EQ(label_at(joined, {0.0895, 0.02, 0}), 0);
+  shape.balls.clear();
+  EXPECT_THROW(generate(shape), InputError);
+  shape.balls = {{Vec3::Zero(), -1.0}};
+  EXPECT_THROW(generate(shape), InputError);
+}
+
 }  // namespace
 }  // namespace sulcus

@@ -46,6 +46,19 @@ LabelMapSource read_generated(const json& generate) {
     read(generate["box"], "label", shape.label);
     return shape;
   }
+  if (generate.contains("balls")) {
+    const json& object = generate["balls"];
+    BallsSegment shape;
+    for (const json& entry : object["balls"]) {
+      BallsSegment::Ball& ball = shape.balls.emplace_back();
+      read_mm(entry, "centre_mm", ball.centre_m);
+      read_mm(entry, "radius_mm", ball.radius_m);
+    }
+    read_mm(object, "blend_mm", shape.blend_m);
+    read_mm(object, "voxel_size_mm", shape.voxel_size_m);
+    read(object, "label", shape.label);
+    return shape;
+  }
   if (generate.contains("drawing")) {
     DrawnSegments drawing;
     read(generate["drawing"], "rows", drawing.rows);
@@ -307,7 +320,7 @@ void read_measures(const json& list, Scenario& scenario, Problems& problems) {
     read(object, "at_most", measure.at_most);
     const auto is_named = [&](const Tool& tool) { return tool.name == measure.tool; };
     const std::vector<Tool>& tools = scenario.scene.tools;
-    if (measure.what == "least_travel_mm" || measure.what == "opening_mm") {
+    if (measure.what == "least_position_mm" || measure.what == "opening_mm") {
       if (!measure.tool.empty())
         problems.push_back(pointer + "/tool: this is no measure of a tool; leave it out");
     } else if (std::none_of(tools.begin(), tools.end(), is_named)) {

@@ -31,8 +31,8 @@
 namespace sulcus {
 
 // Where the label map comes from: a file (absolute path), or a generated body.
-using LabelMapSource =
-    std::variant<std::filesystem::path, CylinderThreeSegments, BoxSegment, SphereSegment, DrawnSegments>;
+using LabelMapSource = std::variant<std::filesystem::path, CylinderThreeSegments, BoxSegment, SphereSegment,
+                                    BallsSegment, DrawnSegments>;
 
 // Done on the labels in the order of the list.
 struct RelabelOperation {

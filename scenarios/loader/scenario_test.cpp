@@ -235,7 +235,7 @@ TEST(ScenarioErrors, MeasuresNameAToolAndABound) {
   measure["tool"] = "knife";
   document["checks"]["measures"] = {measure};
   expect_refused(document, {"/checks/measures/0/tool", "knife"});
-  measure = {{"what", "least_travel_mm"}, {"tool", "ball"}, {"at_least", 1}};
+  measure = {{"what", "least_position_mm"}, {"tool", "ball"}, {"at_least", 1}};
   document["checks"]["measures"] = {measure};
   expect_refused(document, {"/checks/measures/0/tool", "leave it out"});
   measure = {{"what", "pull_N"}, {"tool", "ball"}};

@@ -51,6 +51,15 @@ std::vector<ScenarioSummary> chosen_scenarios(const SuiteOptions& options) {
   return chosen;
 }
 
+// Takes out the scenarios whose optional data are not here, and says so.
+void leave_out_missing(std::vector<ScenarioSummary>& scenarios) {
+  std::erase_if(scenarios, [](const ScenarioSummary& scenario) {
+    if (scenario.missing.empty()) return false;
+    std::printf("SKIP  %-28s %s\n", name_of(scenario).c_str(), scenario.missing.c_str());
+    return true;
+  });
+}
+
 void prepare_suite_folder(const fs::path& out, bool force) {
   if (fs::exists(out) && !fs::is_directory(out))
     throw InputError(out.string() + " is not a folder; give another --out");
@@ -129,7 +138,9 @@ void print_entry(const SuiteEntry& entry, std::size_t done, std::size_t all) {
 
 int suite_command(const SuiteOptions& options) {
   const auto start = Clock::now();
-  const std::vector<ScenarioSummary> scenarios = chosen_scenarios(options);
+  std::vector<ScenarioSummary> scenarios = chosen_scenarios(options);
+  leave_out_missing(scenarios);
+  if (scenarios.empty()) return 0;
   prepare_suite_folder(options.out, options.force);
   const int cores = threads_or_all(0);
   const int jobs = std::min(options.jobs > 0 ? options.jobs : cores, static_cast<int>(scenarios.size()));
