@@ -29,6 +29,8 @@ pid_t start_child(const char* how) {
   std::filesystem::remove(path);
   const pid_t child = fork();
   if (child == 0) {
+    for (const int number : {SIGINT, SIGQUIT, SIGHUP})
+      std::signal(number, SIG_DFL);  // a shell may ignore them
     setenv("SULCUS_STANDIN_LOG", path.c_str(), 1);
     const int quiet = open("/dev/null", O_WRONLY);
     dup2(quiet, STDERR_FILENO);

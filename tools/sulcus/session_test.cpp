@@ -60,6 +60,7 @@ class Session : public testing::Test {
   pid_t start(const std::string& arguments, const std::string& out = "out") const {
     const pid_t child = fork();
     if (child != 0) return child;
+    std::signal(SIGINT, SIG_DFL);  // the shell that runs this test may ignore it
     const int quiet = open("/dev/null", O_WRONLY);
     dup2(quiet, STDOUT_FILENO);
     dup2(quiet, STDERR_FILENO);
