@@ -2,6 +2,7 @@
 // that is wrong leaves as InputError (exit code 2), surroundings that failed as EnvironmentError (3).
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -15,6 +16,7 @@ struct RunOptions {
   int threads = 0;                     // 0: as many as the machine has
   bool force = false;                  // replace an earlier run in `out`
   bool pictures = true;
+  std::uint64_t start_shift_seed = 0;  // not 0: every coordinate starts one ulp aside, up or down at random
 };
 int run_command(const RunOptions& options);
 
@@ -29,6 +31,8 @@ int summary_command(const std::filesystem::path& run, const std::filesystem::pat
 struct ReplayOptions {
   std::filesystem::path recording;  // run.h5
   int threads = 0;
+  std::filesystem::path lockstep;  // another build of this program, to run beside; empty: none
+  bool serve = false;              // is that other one
 };
 int replay_command(const ReplayOptions& options);
 
@@ -87,10 +91,17 @@ struct MeshOptions {
 };
 int mesh_command(const MeshOptions& options);
 
-struct GoldenOptions {
-  std::filesystem::path run, golden;
+struct DiffOptions {
+  std::filesystem::path a, b;  // folders of runs, or run.h5
+  int threads = 0;
 };
-int golden_command(const GoldenOptions& options);
+int diff_command(const DiffOptions& options);
+
+struct BlessOptions {
+  std::string scenario, why;
+  std::filesystem::path golden;  // folder of golden outputs, in a clone of the repository
+};
+int bless_command(const BlessOptions& options);
 
 struct SuiteOptions {
   std::string filter;               // regular expression that a part of the name fits; empty: all

@@ -53,7 +53,20 @@ int command_line(int argc, char** argv) {
   replay_app->add_option("RECORDING", replay.recording, "run.h5")->required();
   replay_app->add_option("--threads", replay.threads, "threads of the engine (default: all)")
       ->check(CLI::Range(1, 256));
+  replay_app->add_option("--lockstep", replay.lockstep,
+                         "another build of sulcus: runs beside this one, until a number differs");
+  replay_app->add_flag("--serve-lockstep", replay.serve)->group("");  // what the other one is told
   replay_app->callback([&] { code = sulcus::replay_command(replay); });
+
+  sulcus::DiffOptions diff;
+  auto* diff_app =
+      app.add_subcommand("diff", "finds where two recordings part: step, stage, field, index, both values");
+  diff_app->footer("Example: sulcus diff /tmp/before /tmp/after");
+  diff_app->add_option("A", diff.a, "folder of a run, or run.h5")->required();
+  diff_app->add_option("B", diff.b, "folder of a run, or run.h5")->required();
+  diff_app->add_option("--threads", diff.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  diff_app->callback([&] { code = sulcus::diff_command(diff); });
 
   const auto add_phantom = [](CLI::App* to, sulcus::PhantomOptions& phantom) {
     to->add_option("--library", phantom.library, "file of the Phantom's libHD (default: searched)");
@@ -143,12 +156,16 @@ int command_line(int argc, char** argv) {
   mesh_app->add_option("--out", mesh.out, "VTK file (.vtu)")->required();
   mesh_app->callback([&] { code = sulcus::mesh_command(mesh); });
 
-  sulcus::GoldenOptions golden;
-  auto* golden_app = app.add_subcommand("golden", "makes a run the golden one of its scenario");
-  golden_app->footer("Example: sulcus golden /tmp/run --out golden");
-  golden_app->add_option("DIR", golden.run, "folder of the run")->required();
-  golden_app->add_option("--out", golden.golden, "folder of golden outputs")->required();
-  golden_app->callback([&] { code = sulcus::golden_command(golden); });
+  sulcus::BlessOptions bless;
+  bless.golden = SULCUS_GOLDEN_DIR;
+  auto* bless_app = app.add_subcommand(
+      "bless", "makes what a scenario gives now its golden output, with measured tolerances and a reason");
+  bless_app->footer("Example: sulcus bless cylinder_retraction --why 'the contact stiffness was wrong'");
+  bless_app->add_option("SCENARIO", bless.scenario, "JSON file, or a name that `sulcus list` shows")
+      ->required();
+  bless_app->add_option("--why", bless.why, "the reason, for those who review it")->required();
+  bless_app->add_option("--golden", bless.golden, "folder of golden outputs")->capture_default_str();
+  bless_app->callback([&] { code = sulcus::bless_command(bless); });
 
   sulcus::SuiteOptions suite;
   suite.scenarios = SULCUS_SCENARIO_DIR;

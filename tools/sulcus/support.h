@@ -78,6 +78,7 @@ class StageClock : public StageObserver {
     seconds_[static_cast<std::size_t>(stage)] += std::chrono::duration<double>(now - last_).count();
     last_ = now;
   }
+  void go_on() { last_ = std::chrono::steady_clock::now(); }  // what happened since the stage is not counted
   const std::array<double, stage_count>& seconds() const { return seconds_; }
   double total() const {
     double sum = 0;
