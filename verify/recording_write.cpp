@@ -12,6 +12,7 @@
 #include "verify/recording.h"
 #include "verify/recording_fields.h"
 #include "verify/recording_session.h"
+#include "verify/recording_vtk.h"
 #include "verify/seal.h"
 
 namespace sulcus {
@@ -35,6 +36,7 @@ struct RunWriter::Impl {
   std::vector<hdf5::Column> chain, fields, stages, frames;
 
   StepRow row;  // of write_step
+  std::vector<double> frame_times_s;
   std::vector<SolverErrorSample> solver_errors;
   std::map<std::string, double> numbers;
   std::vector<std::string> warnings, event_texts;
@@ -290,6 +292,7 @@ void RunWriter::write_frame(const State& state, double time_s, std::span<const d
                           state.alive.data(),
                           stress_Pa.empty() ? unknown.data() : stress_Pa.data()};
     for (std::size_t i = 0; i < run.frames.size(); ++i) run.frames[i].append(rows[i]);
+    run.frame_times_s.push_back(time_s);
   });
 }
 
@@ -334,6 +337,8 @@ void RunWriter::Impl::write_end(const State& final_state) {
     hdf5::write_array(file, "/final_state/" + std::string(name), array);
   });
   hdf5::write_attribute(file, "steps", steps);
+  for (hdf5::Column& column : frames) column.flush();
+  if (!frame_times_s.empty() && header.tet_count() > 0) write_vtk_group(file, header, frame_times_s);
 }
 
 void RunWriter::finish(const State& final_state) {
