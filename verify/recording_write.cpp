@@ -263,7 +263,7 @@ void RunWriter::write_row(std::span<const DeviceSample> samples, const StepRow& 
     run.write_hashes(row.hashes);
     if (row.stage_hashes.size() != run.header.stage_leaves.size())
       throw hdf5::Failure("a step has other hashes of its stages than the header says");
-    for (hdf5::Column& column : run.stages) column.append(row.stage_hashes.data());
+    for (hdf5::Column& leaves : run.stages) leaves.append(row.stage_hashes.data());
     ++run.steps;
   });
 }
