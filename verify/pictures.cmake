@@ -7,7 +7,7 @@ find_path(SULCUS_FONT_DIR DejaVuSans.ttf PATHS /usr/share/fonts PATH_SUFFIXES tr
 
 sulcus_library(sulcus_pictures
   colour_map.cpp picture.cpp picture_diff.cpp picture_gl.cpp picture_occlusion.cpp picture_shapes.cpp picture_text.cpp
-  plots.cpp png.cpp report.cpp report_charts.cpp report_session.cpp report_template.cpp report_values.cpp run_picture.cpp
+  plots.cpp png.cpp report.cpp report_charts.cpp report_session.cpp report_steps.cpp report_template.cpp report_values.cpp run_picture.cpp
   suite_index.cpp
   LINK sulcus_verify sulcus_numerics)
 target_link_libraries(sulcus_pictures PRIVATE PNG::PNG Freetype::Freetype ${OSMESA_LIBRARY})

@@ -261,6 +261,47 @@ TEST(Report, ABrowserReadsItWithoutComplaint) {
   fs::remove_all(folder);
 }
 
+// The page in a frame as wide as a phone or a desk, moved to half its steps; what it then says of itself.
+TEST(Report, ASliderMovesPicturesAndCursorsAndNoWidthScrollsSideways) {
+  NEEDS_GNUPLOT();
+  if (!runs("chromium --version"))
+    GTEST_SKIP() << "chromium is not installed: the page was not opened in a browser";
+  const fs::path folder = fs::temp_directory_path() / ("sulcus-slider-test-" + std::to_string(::getpid()));
+  fs::create_directories(folder);
+  const RunData run = small_run();
+  RunReportInput input = small_input(run);
+  const double end_s = static_cast<double>(run.steps) * run.header.step_s;
+  ASSERT_FALSE(input.pictures.empty());
+  while (input.pictures.size() < 3) input.pictures.push_back(input.pictures.front());
+  input.pictures.resize(3);
+  input.pictures[0].time_s = 0;
+  input.pictures[1].time_s = 0.4 * end_s;
+  input.pictures[2].time_s = end_s;
+  std::string html = report_html({input});
+  html.insert(html.rfind("</body>"), R"(<script>
+    const slider = document.querySelector('.slider input');
+    slider.value = slider.max / 2;
+    slider.dispatchEvent(new Event('input'));
+    const shown = [...document.querySelectorAll('.pictures figure')].map(f => f.offsetHeight > 0 ? 1 : 0).join('');
+    const cursor = document.querySelector('.charts .cursor');
+    const middle = (+cursor.ownerSVGElement.dataset.left + +cursor.ownerSVGElement.dataset.right) / 2;
+    const near = Math.abs(cursor.getAttribute('x1') - middle) < 5;
+    const page = document.documentElement;
+    parent.postMessage(`shown ${shown} cursor ${near} sideways ${page.scrollWidth - page.clientWidth}`, '*');
+  </script>)");
+  std::ofstream(folder / "report.html") << html;
+  std::ofstream(folder / "frames.html") << R"(<!DOCTYPE html><p id="said"></p><script>
+    addEventListener('message', e => document.getElementById('said').append(`[${e.data}]`));
+  </script><iframe src="report.html" width="390" height="800"></iframe>
+  <iframe src="report.html" width="1400" height="900"></iframe>)";
+  const Seen seen = open_in_browser(folder, "frames.html");
+  EXPECT_FALSE(contains(seen.messages, "CONSOLE")) << seen.messages;
+  const std::string expected = "[shown 010 cursor true sideways 0]";
+  EXPECT_TRUE(contains(seen.page, expected + expected)) << seen.page;
+  EXPECT_TRUE(contains(html, "strip of fingerprints"));
+  fs::remove_all(folder);
+}
+
 TEST(ReportValues, NumbersAreForPeople) {
   const auto q = [](double value, const std::string& unit) { return report::quantity(value, unit); };
   EXPECT_EQ(q(0.0004, "m"), "0.4 mm");

@@ -1,3 +1,4 @@
+#include <cmath>
 #include <cstdio>
 
 #include "tools/sulcus/commands.h"
@@ -66,10 +67,16 @@ int report_command(const ReportOptions& options) {
     input.description = scenario.description;
     input.run = &run;
     input.checks = check_run(run, dir, options.golden);
+    if (!options.golden.empty())
+      input.golden = golden_bands(golden_folder(options.golden, run.header.scenario_name));
     for (const fs::path& file : picture_files(dir)) {
       std::string caption = file.stem().string().substr(3);
       for (char& c : caption) c = c == '_' ? ' ' : c;
-      input.pictures.push_back({caption, read_png(file)});
+      double time_s = std::nan("");
+      for (const Shot& shot : scenario.pictures.shots) {
+        if (shot.name == file.stem().string().substr(3)) time_s = shot.time_s;
+      }
+      input.pictures.push_back({caption, read_png(file), time_s});
     }
     input.reproduce = "sulcus run " + scenario.name + " --out DIR";
     if (run.session) input.reproduce = "sulcus replay " + (dir / "run.h5").string();
