@@ -103,11 +103,9 @@ document.querySelectorAll('section.run').forEach(run => {
   const pictures = [...run.querySelectorAll('.pictures figure[data-time]')];
   if (pictures.length > 1) pictures[0].parentElement.classList.add('timed');
   const charts = [...run.querySelectorAll('.charts svg[data-from]')].map(svg => {
-    const cursor = document.createElementNS('http://www.w3.org/2000/svg', 'line');
-    for (const [name, value] of Object.entries({y1: 34, y2: 242, stroke: 'currentColor', 'stroke-width': 1.2,
-                                                'stroke-dasharray': '2 2', 'class': 'cursor'}))
-      cursor.setAttribute(name, value);
-    svg.append(cursor);
+    svg.insertAdjacentHTML('beforeend', '<line class="cursor" y1="34" y2="242" stroke="currentColor" ' +
+                                        'stroke-width="1.2" stroke-dasharray="2 2"/>');
+    const cursor = svg.lastElementChild;
     const {left, right, from, to} = svg.dataset;
     return {cursor, left: +left, right: +right, from: +from, to: +to};
   });
