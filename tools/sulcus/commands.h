@@ -113,6 +113,14 @@ struct SuiteOptions {
 };
 int suite_command(const SuiteOptions& options);
 
+struct FuzzOptions {
+  double seconds = 60;       // s, after which no further seed is begun
+  std::uint64_t seed = 1;    // the first; the others follow
+  std::int64_t seeds = 0;    // at most; 0: as many as there is time for
+  std::filesystem::path out = "fuzz";  // for the scenarios that fail
+};
+int fuzz_command(const FuzzOptions& options);
+
 int list_command(const std::filesystem::path& directory);
 
 }  // namespace sulcus

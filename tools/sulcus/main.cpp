@@ -183,6 +183,18 @@ int command_line(int argc, char** argv) {
   suite_app->add_flag("--force", suite.force, "replaces earlier results in the folder");
   suite_app->callback([&] { code = sulcus::suite_command(suite); });
 
+  sulcus::FuzzOptions fuzz;
+  auto* fuzz_app = app.add_subcommand("fuzz", "runs random scenarios; statements judge them");
+  fuzz_app->footer("Example: sulcus fuzz --seconds 60 --seed 1000 --out /tmp/fuzz");
+  fuzz_app->add_option("--seconds", fuzz.seconds, "after which no further seed is begun")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  fuzz_app->add_option("--seed", fuzz.seed, "the first seed")->capture_default_str();
+  fuzz_app->add_option("--seeds", fuzz.seeds, "how many at most (default: as many as there is time for)")
+      ->check(CLI::PositiveNumber);
+  fuzz_app->add_option("--out", fuzz.out, "folder for the scenarios that fail")->capture_default_str();
+  fuzz_app->callback([&] { code = sulcus::fuzz_command(fuzz); });
+
   std::string scenarios = SULCUS_SCENARIO_DIR;
   auto* list_app = app.add_subcommand("list", "shows the scenarios");
   list_app->footer("Example: sulcus list");

@@ -267,6 +267,14 @@ TEST_F(Command, TheSuiteNamesWhatFailsAndGoesOn) {
   EXPECT_TRUE(contains(command(arguments + " --force").output, "both are called \"tiny\""));
 }
 
+TEST_F(Command, FuzzedScenariosKeepTheirStatements) {
+  const std::string out_folder = " --out " + out("fuzz");
+  const Result few = command("fuzz --seeds 3 --seed 1" + out_folder);
+  EXPECT_EQ(few.code, 0) << few.output;
+  EXPECT_TRUE(contains(few.output, "seeds 1 to 3, 3 run, 0 refused as scenarios, 0 failed")) << few.output;
+  EXPECT_TRUE(fs::is_empty(folder / "fuzz")) << "scenarios that hold are not kept";
+}
+
 // ---- golden outputs
 
 TEST_F(Command, AGoldenChangesWithAReasonAndFromACleanTreeOnly) {
@@ -314,7 +322,7 @@ TEST_F(Command, AGoldenChangesWithAReasonAndFromACleanTreeOnly) {
 
 TEST_F(Command, EveryCommandHasHelpWithAnExample) {
   for (const char* name :
-       {"run", "verify", "replay", "report", "mesh", "bless", "list", "summary", "suite", "diff"}) {
+       {"run", "verify", "replay", "report", "mesh", "bless", "list", "summary", "suite", "diff", "fuzz"}) {
     const Result help = command(std::string(name) + " --help");
     EXPECT_EQ(help.code, 0) << name;
     EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + name)) << help.output;
