@@ -36,6 +36,8 @@ std::vector<std::string> golden_series_names(const RunData& run) {
     for (const char* name : {"contact_force_N", "contact_torque_N_m", "contacts", "displayed_force_N",
                              "max_penetration_m", "position_m"})
       names.push_back("tools/" + std::to_string(tool) + "/" + name);
+  for (std::size_t motion = 0; motion < run.header.motion_names.size(); ++motion)
+    names.push_back("motions/" + std::to_string(motion) + "/force_N");
   return names;
 }
 
