@@ -1,6 +1,4 @@
 // `sulcus bless`: changes a golden, with a reason, from a clean tree, with tolerances that were measured.
-#include <unistd.h>
-
 #include <cstdio>
 #include <fstream>
 #include <sstream>
@@ -10,6 +8,7 @@
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/process.h"
 #include "tools/sulcus/support.h"
+#include "tools/sulcus/temporary_folder.h"
 #include "verify/golden.h"
 #include "verify/golden_provenance.h"
 #include "verify/picture_diff.h"
@@ -18,21 +17,6 @@
 namespace sulcus {
 namespace fs = std::filesystem;
 namespace {
-
-// A folder that goes when the command ends.
-struct TemporaryFolder {
-  fs::path path;
-  TemporaryFolder() {
-    std::string name = fs::temp_directory_path() / "sulcus_bless_XXXXXX";
-    if (mkdtemp(name.data()) == nullptr)
-      throw EnvironmentError(name + ": cannot be made; let TMPDIR name a folder that can be written to");
-    path = name;
-  }
-  ~TemporaryFolder() {
-    std::error_code error;
-    fs::remove_all(path, error);
-  }
-};
 
 std::string read_text(const fs::path& path) {
   std::ifstream file(path);

@@ -85,6 +85,13 @@ struct ReportOptions {
 };
 int report_command(const ReportOptions& options);
 
+struct MovieOptions {
+  std::filesystem::path run;              // folder of a run, or run.h5
+  std::filesystem::path out = "run.mp4";  // or .gif
+  bool stress = false;                    // colours by the largest principal stress
+};
+int movie_command(const MovieOptions& options);
+
 struct MeshOptions {
   std::filesystem::path label_map, pairs, out;
   double size_mm = 10;
@@ -104,8 +111,8 @@ struct BlessOptions {
 int bless_command(const BlessOptions& options);
 
 struct SuiteOptions {
-  std::string filter;               // regular expression that a part of the name fits; empty: all
-  int jobs = 0;                     // scenarios at a time; 0: as many as the machine has cores
+  std::string filter;  // regular expression that a part of the name fits; empty: all
+  int jobs = 0;        // scenarios at a time; 0: as many as the machine has cores
   std::filesystem::path out = "suite";
   std::filesystem::path scenarios;  // folder
   std::filesystem::path golden;     // as in VerifyOptions
@@ -114,9 +121,9 @@ struct SuiteOptions {
 int suite_command(const SuiteOptions& options);
 
 struct FuzzOptions {
-  double seconds = 60;       // s, after which no further seed is begun
-  std::uint64_t seed = 1;    // the first; the others follow
-  std::int64_t seeds = 0;    // at most; 0: as many as there is time for
+  double seconds = 60;                 // s, after which no further seed is begun
+  std::uint64_t seed = 1;              // the first; the others follow
+  std::int64_t seeds = 0;              // at most; 0: as many as there is time for
   std::filesystem::path out = "fuzz";  // for the scenarios that fail
 };
 int fuzz_command(const FuzzOptions& options);

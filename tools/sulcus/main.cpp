@@ -147,6 +147,14 @@ int command_line(int argc, char** argv) {
   report_app->add_option("--golden", report.golden, "folder of golden outputs");
   report_app->callback([&] { code = sulcus::report_command(report); });
 
+  sulcus::MovieOptions movie;
+  auto* movie_app = app.add_subcommand("movie", "makes a film of a run's frames, by ffmpeg");
+  movie_app->footer("Example: sulcus movie /tmp/run/run.h5 --out run.mp4");
+  movie_app->add_option("RUN", movie.run, "folder of a run, or run.h5")->required();
+  movie_app->add_option("--out", movie.out, "film, .mp4 or .gif")->capture_default_str();
+  movie_app->add_flag("--stress", movie.stress, "colours by the largest principal stress");
+  movie_app->callback([&] { code = sulcus::movie_command(movie); });
+
   sulcus::MeshOptions mesh;
   auto* mesh_app = app.add_subcommand("mesh", "meshes a label map, for a look in ParaView");
   mesh_app->footer("Example: sulcus mesh brain.nii.gz --size-mm 10 --pairs pairs.txt --out mesh.vtu");

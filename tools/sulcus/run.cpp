@@ -4,6 +4,7 @@
 
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/shots.h"
 #include "tools/sulcus/support.h"
 #include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"

@@ -275,6 +275,36 @@ TEST_F(Command, FuzzedScenariosKeepTheirStatements) {
   EXPECT_TRUE(fs::is_empty(folder / "fuzz")) << "scenarios that hold are not kept";
 }
 
+TEST_F(Command, AMovieHasEveryFrame) {
+  // ffmpeg is played by a script that counts what it is given
+  fs::create_directories(folder / "bin");
+  std::ofstream(folder / "bin" / "ffmpeg") << "#!/bin/sh\n[ \"$1\" = -version ] && exit 0\n"
+                                              "while [ \"$1\" != -i ]; do shift; done\n"
+                                              "frames=$(ls \"$(dirname \"$2\")\" | grep -c png)\n"
+                                              "for last; do :; done\necho \"$frames frames\" > \"$last\"\n";
+  fs::permissions(folder / "bin" / "ffmpeg", fs::perms::owner_all);
+  ASSERT_EQ(command("run circle_in_ring --set /time/duration_s=0.1 --set /pictures/width=120 "
+                    "--set /pictures/height=90 --set /record/frame_every_steps=2 --set "
+                    "/pictures/shots/1/time_s=0.1 --out " +
+                    out("run"))
+                .code,
+            0);
+  const std::size_t frames = read_run(folder / "run" / "run.h5").frames.size();
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", (out("bin") + ":" + path).c_str(), 1);
+  const Result film = command("movie " + out("run") + " --out " + out("film.mp4"));
+  const Result strange = command("movie " + out("run") + " --out " + out("film.avi"));
+  setenv("PATH", "/nowhere", 1);
+  const Result missing = command("movie " + out("run") + " --out " + out("other.gif"));
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_EQ(film.code, 0) << film.output;
+  EXPECT_EQ(read(folder / "film.mp4"), std::to_string(frames) + " frames\n");
+  EXPECT_GT(frames, 1u);
+  EXPECT_EQ(strange.code, 2) << strange.output;
+  EXPECT_EQ(missing.code, 3) << missing.output;
+  EXPECT_TRUE(contains(missing.output, "install it")) << missing.output;
+}
+
 // ---- golden outputs
 
 TEST_F(Command, AGoldenChangesWithAReasonAndFromACleanTreeOnly) {
@@ -321,8 +351,8 @@ TEST_F(Command, AGoldenChangesWithAReasonAndFromACleanTreeOnly) {
 // ---- help
 
 TEST_F(Command, EveryCommandHasHelpWithAnExample) {
-  for (const char* name :
-       {"run", "verify", "replay", "report", "mesh", "bless", "list", "summary", "suite", "diff", "fuzz"}) {
+  for (const char* name : {"run", "verify", "replay", "report", "mesh", "bless", "list", "summary", "suite",
+                           "diff", "fuzz", "movie"}) {
     const Result help = command(std::string(name) + " --help");
     EXPECT_EQ(help.code, 0) << name;
     EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + name)) << help.output;
