@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <type_traits>
 
 namespace sulcus {
 
@@ -9,7 +11,6 @@ namespace {
 
 constexpr int slab_planes = 4;    // planes of the wanted image that one thread fills together
 constexpr double inside = -1e-9;  // smallest barycentric coordinate of a point that counts as inside
-constexpr std::int32_t none = -1, gap = -2, folded = -3;  // in TissueImage::voxel until all is counted
 
 double triple(const Vec3& a, const Vec3& b, const Vec3& c) {
   return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
@@ -45,9 +46,10 @@ class TissueFinder {
 
   TissueImage find() {
     const std::size_t voxels = static_cast<std::size_t>(wanted_.size[0]) * wanted_.size[1] * wanted_.size[2];
+    image_.same_geometry = same_geometry_;
     image_.tet.assign(voxels, -1);
-    image_.voxel.assign(voxels, none);
-    image_.source.assign(voxels, {0, 0, 0});
+    image_.voxel.assign(voxels, background_voxel);
+    image_.moved.assign(voxels, {0, 0, 0});
     sort_into_slabs();
     const auto slabs = static_cast<std::ptrdiff_t>(slab_first_.size()) - 1;
 #pragma omp parallel for schedule(static, 1)
@@ -55,13 +57,12 @@ class TissueFinder {
       const int begin = static_cast<int>(s) * slab_planes,
                 end = std::min(begin + slab_planes, wanted_.size[2]);
       for (std::int64_t n = slab_first_[s]; n < slab_first_[s + 1]; ++n) fill(slab_tets_[n], begin, end);
+      find_gaps(begin, end);
     }
-    for (std::size_t v = 0; v < voxels; ++v) {
-      std::int32_t& voxel = image_.voxel[v];
-      image_.folded_voxels += voxel == folded;
-      image_.gap_voxels += voxel == gap;
-      image_.empty_voxels += voxel < 0;
-      voxel = std::max(voxel, -1);
+    for (const std::int32_t voxel : image_.voxel) {
+      image_.background_voxels += voxel == background_voxel;
+      image_.gap_voxels += voxel == gap_voxel;
+      image_.folded_voxels += voxel == folded_voxel;
     }
     return std::move(image_);
   }
@@ -134,14 +135,23 @@ class TissueFinder {
     }
   }
 
+  std::size_t index(const Index3& at) const {
+    return static_cast<std::size_t>(at[0]) +
+           static_cast<std::size_t>(wanted_.size[0]) *
+               (static_cast<std::size_t>(at[1]) + static_cast<std::size_t>(wanted_.size[1]) * at[2]);
+  }
+
   void claim(const Index3& at, std::int32_t tet, const std::array<double, 4>& w) {
-    const std::size_t n =
-        static_cast<std::size_t>(at[0]) +
-        static_cast<std::size_t>(wanted_.size[0]) *
-            (static_cast<std::size_t>(at[1]) + static_cast<std::size_t>(wanted_.size[1]) * at[2]);
-    if (image_.voxel[n] == folded) return;
+    const std::size_t n = index(at);
+    if (image_.voxel[n] == folded_voxel) return;
     const std::int32_t cell = tet / mesh_.tets_per_cell;
-    const Vec3 source = source_point(at, tet, w);
+    Vec3 displacement = Vec3::Zero();  // m; without any, the tissue's source is exactly the point itself
+    for (int v = 0; v < 4; ++v) {
+      const std::int32_t node = mesh_.tets[tet][v];
+      displacement += w[v] * (position(node) - mesh_.rest_positions[node]);
+    }
+    const Vec3 source =
+        map_point(at) - (map_.direction.transpose() * displacement).cwiseQuotient(map_.spacing);
     // The cell spans whole voxels: a point on its border belongs to the voxel on the cell's side.
     Index3 nearest;
     for (int a = 0; a < 3; ++a) {
@@ -151,41 +161,52 @@ class TissueFinder {
       if (nearest[a] >= map_.size[a]) return;
     }
     const std::size_t voxel = map_.index(nearest[0], nearest[1], nearest[2]);
-    const std::int32_t owner = mesh_.cell_of_voxel[voxel];
-    if (owner != cell) {
-      if (owner >= 0 && image_.voxel[n] == none) image_.voxel[n] = gap;
-      return;
-    }
+    if (mesh_.cell_of_voxel[voxel] != cell) return;
+    const Vec3 moved = (wanted_.direction.transpose() * displacement).cwiseQuotient(wanted_.spacing);
+    auto& known = image_.moved[n];
     if (image_.voxel[n] >= 0) {  // shared faces claim twice, for neighbouring points of the same tissue
-      const auto& other = image_.source[n];
-      double farthest = 0;
+      double farthest = 0;       // voxels
       for (int a = 0; a < 3; ++a)
-        farthest = std::max(farthest, std::abs(source[a] - static_cast<double>(other[a])));
+        farthest = std::max(farthest, std::abs(moved[a] - static_cast<double>(known[a])));
       if (farthest > 1e-3) {
-        image_.voxel[n] = folded;
+        image_.voxel[n] = folded_voxel;
         image_.tet[n] = -1;
-        image_.source[n] = {0, 0, 0};
+        known = {0, 0, 0};
       }
       return;
     }
     image_.tet[n] = tet;
     image_.voxel[n] = static_cast<std::int32_t>(voxel);
-    for (int a = 0; a < 3; ++a) image_.source[n][a] = static_cast<float>(source[a]);
+    for (int a = 0; a < 3; ++a) known[a] = static_cast<float>(moved[a]);
   }
 
-  // The wanted point less the displacement of its tissue: without displacement, exactly the point itself.
-  Vec3 source_point(const Index3& at, std::int32_t tet, const std::array<double, 4>& w) const {
-    Vec3 displacement = Vec3::Zero();  // m
-    for (int v = 0; v < 4; ++v) {
-      const std::int32_t node = mesh_.tets[tet][v];
-      displacement += w[v] * (position(node) - mesh_.rest_positions[node]);
+  // Voxels without tissue where the map at rest has some.
+  void find_gaps(int k_begin, int k_end) {
+    for (int k = k_begin; k < k_end; ++k) {
+      for (int j = 0; j < wanted_.size[1]; ++j) {
+        for (int i = 0; i < wanted_.size[0]; ++i) {
+          std::int32_t& voxel = image_.voxel[index({i, j, k})];
+          if (voxel == background_voxel && owned_at_rest({i, j, k})) voxel = gap_voxel;
+        }
+      }
     }
+  }
+
+  bool owned_at_rest(const Index3& at) const {
+    const Vec3 point = map_point(at);
+    Index3 nearest;
+    for (int a = 0; a < 3; ++a) {
+      nearest[a] = static_cast<int>(std::lround(std::clamp(point[a], -1e8, 1e8)));
+      if (nearest[a] < 0 || nearest[a] >= map_.size[a]) return false;
+    }
+    return mesh_.cell_of_voxel[map_.index(nearest[0], nearest[1], nearest[2])] >= 0;
+  }
+
+  // A wanted voxel's centre in voxel coordinates of the map.
+  Vec3 map_point(const Index3& at) const {
     const Vec3 point(at[0], at[1], at[2]);
-    const Vec3 start =
-        same_geometry_
-            ? point
-            : map_.to_voxel(wanted_.origin + wanted_.direction * wanted_.spacing.cwiseProduct(point));
-    return start - (map_.direction.transpose() * displacement).cwiseQuotient(map_.spacing);
+    if (same_geometry_) return point;
+    return map_.to_voxel(wanted_.origin + wanted_.direction * wanted_.spacing.cwiseProduct(point));
   }
 
   const LabelMap& map_;
@@ -199,25 +220,37 @@ class TissueFinder {
   std::vector<std::int32_t> slab_tets_;
 };
 
-float trilinear(const LabelMap& map, std::span<const float> grey, const std::array<float, 3>& point) {
-  int low[3];
+// The value at a point given in voxel coordinates.
+template <class T>
+T trilinear(const ImageGeometry& image, std::span<const T> values, const std::array<double, 3>& point) {
+  std::size_t low[3], high[3];
   double t[3];
   for (int a = 0; a < 3; ++a) {
-    const double p = std::clamp(static_cast<double>(point[a]), 0.0, map.size[a] - 1.0);
-    low[a] = std::min(static_cast<int>(p), std::max(map.size[a] - 2, 0));
-    t[a] = p - low[a];
+    const double p = std::clamp(point[a], 0.0, image.size[a] - 1.0);
+    low[a] = static_cast<std::size_t>(p);
+    high[a] = std::min(low[a] + 1, static_cast<std::size_t>(image.size[a]) - 1);
+    t[a] = p - static_cast<double>(low[a]);
   }
+  const auto value = [&](std::size_t i, std::size_t j, std::size_t k) {
+    return values[i + static_cast<std::size_t>(image.size[0]) *
+                          (j + static_cast<std::size_t>(image.size[1]) * k)];
+  };
+  if (t[0] == 0 && t[1] == 0 && t[2] == 0) return value(low[0], low[1], low[2]);
   double sum = 0;
   for (int c = 0; c < 8; ++c) {
     double weight = 1;
-    Index3 at;
-    for (int a = 0; a < 3; ++a) {
-      weight *= c >> a & 1 ? t[a] : 1 - t[a];
-      at[a] = std::min(low[a] + (c >> a & 1), map.size[a] - 1);
-    }
-    if (weight != 0) sum += weight * static_cast<double>(grey[map.index(at[0], at[1], at[2])]);
+    for (int a = 0; a < 3; ++a) weight *= c >> a & 1 ? t[a] : 1 - t[a];
+    if (weight == 0) continue;
+    sum += weight * static_cast<double>(value(c & 1 ? high[0] : low[0], c >> 1 & 1 ? high[1] : low[1],
+                                              c >> 2 ? high[2] : low[2]));
   }
-  return static_cast<float>(sum);
+  if constexpr (std::is_integral_v<T>) {
+    // what is a mean of values of T is one, but for rounding at the ends of 64-bit types
+    sum = std::round(sum);
+    if (sum >= static_cast<double>(std::numeric_limits<T>::max())) return std::numeric_limits<T>::max();
+    if (sum <= static_cast<double>(std::numeric_limits<T>::min())) return std::numeric_limits<T>::min();
+  }
+  return static_cast<T>(sum);
 }
 
 }  // namespace
@@ -256,30 +289,50 @@ LabelMap without_torn_voxels(const LabelMap& map, const EmbeddingMesh& mesh,
   return left;
 }
 
-std::vector<std::int32_t> resample_labels(const LabelMap& map, const TissueImage& tissue, std::int32_t fill) {
-  std::vector<std::int32_t> labels(tissue.voxel.size());
-  for (std::size_t v = 0; v < labels.size(); ++v) {
-    labels[v] = tissue.voxel[v] < 0 ? fill : map.labels[tissue.voxel[v]];
-  }
-  return labels;
-}
-
-std::vector<float> resample_grey(const LabelMap& map, std::span<const float> grey, const TissueImage& tissue,
-                                 Interpolation interpolation, float fill) {
-  std::vector<float> values(tissue.voxel.size());
-  const auto count = static_cast<std::ptrdiff_t>(values.size());
+template <class T>
+std::vector<T> resample_image(const ImageGeometry& wanted, std::span<const T> values,
+                              const TissueImage& tissue, Interpolation interpolation, T fill) {
+  std::vector<T> result(tissue.voxel.size());
+  const std::size_t nx = wanted.size[0], ny = wanted.size[1];
+  const auto count = static_cast<std::ptrdiff_t>(result.size());
 #pragma omp parallel for schedule(static)
   for (std::ptrdiff_t v = 0; v < count; ++v) {
-    if (tissue.voxel[v] < 0) {
-      values[v] = fill;
-    } else if (interpolation == Interpolation::nearest) {
-      values[v] = grey[tissue.voxel[v]];
-    } else {
-      values[v] = trilinear(map, grey, tissue.source[v]);
+    const auto n = static_cast<std::size_t>(v);
+    const std::int32_t voxel = tissue.voxel[n];
+    if (voxel < 0) {
+      result[n] = voxel == background_voxel ? values[n] : fill;
+      continue;
     }
+    const bool nearest = interpolation == Interpolation::nearest;
+    if (nearest && tissue.same_geometry) {
+      result[n] = values[static_cast<std::size_t>(voxel)];
+      continue;
+    }
+    const std::size_t at[3] = {n % nx, n / nx % ny, n / (nx * ny)};
+    std::array<double, 3> source;
+    for (int a = 0; a < 3; ++a) {
+      source[a] = static_cast<double>(at[a]) - static_cast<double>(tissue.moved[n][a]);
+      if (nearest) source[a] = std::round(source[a]);
+    }
+    result[n] = trilinear(wanted, values, source);
   }
-  return values;
+  return result;
 }
+
+#define SULCUS_RESAMPLE(T)                                                                                \
+  template std::vector<T> resample_image<T>(const ImageGeometry&, std::span<const T>, const TissueImage&, \
+                                            Interpolation, T);
+SULCUS_RESAMPLE(std::int8_t)
+SULCUS_RESAMPLE(std::uint8_t)
+SULCUS_RESAMPLE(std::int16_t)
+SULCUS_RESAMPLE(std::uint16_t)
+SULCUS_RESAMPLE(std::int32_t)
+SULCUS_RESAMPLE(std::uint32_t)
+SULCUS_RESAMPLE(std::int64_t)
+SULCUS_RESAMPLE(std::uint64_t)
+SULCUS_RESAMPLE(float)
+SULCUS_RESAMPLE(double)
+#undef SULCUS_RESAMPLE
 
 std::vector<float> resample_tet_values(std::span<const float> values, const TissueImage& tissue, float fill) {
   std::vector<float> result(tissue.tet.size());

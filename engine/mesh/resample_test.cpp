@@ -23,6 +23,10 @@ std::vector<float> ramp(const LabelMap& map) {
   return grey;
 }
 
+std::vector<std::int32_t> resample_labels(const LabelMap& map, const TissueImage& tissue, std::int32_t fill) {
+  return resample_image<std::int32_t>(geometry_of(map), map.labels, tissue, Interpolation::nearest, fill);
+}
+
 TEST(Resample, AtRestIsTheIdentityExactly) {
   for (std::uint64_t seed = 1; seed < 150; ++seed) {
     Random random(seed);
@@ -37,14 +41,36 @@ TEST(Resample, AtRestIsTheIdentityExactly) {
     EXPECT_EQ(resample_labels(map, tissue, 0), map.labels) << seed;
     EXPECT_EQ(tissue.folded_voxels, 0) << seed;
     EXPECT_EQ(tissue.gap_voxels, 0) << seed;
-    EXPECT_EQ(tissue.empty_voxels, std::count(map.labels.begin(), map.labels.end(), 0)) << seed;
+    EXPECT_EQ(tissue.background_voxels, std::count(map.labels.begin(), map.labels.end(), 0)) << seed;
     const std::vector<float> grey = ramp(map);
     for (const Interpolation how : {Interpolation::nearest, Interpolation::linear}) {
-      const std::vector<float> again = resample_grey(map, grey, tissue, how, -1);
-      for (std::size_t v = 0; v < grey.size(); ++v)
-        ASSERT_EQ(again[v], map.labels[v] == 0 ? -1 : grey[v]) << seed;
+      EXPECT_EQ(resample_image<float>(geometry_of(map), grey, tissue, how, -1), grey) << seed;
     }
     ASSERT_FALSE(HasFailure());
+  }
+}
+
+TEST(Resample, AtRestIsTheIdentityInAnyGeometry) {
+  for (std::uint64_t seed = 500; seed < 560; ++seed) {
+    Random random(seed);
+    LabelMap map = random_map(random, {8, 9, 7}, 3);
+    map.labels[5] = 1;
+    map.spacing = {1e-3, 1.3e-3, 0.9e-3};
+    map.direction << 0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, -1;
+    const EmbeddingMesh mesh =
+        build_embedding(map, random_pairs(random, 3), {.size_m = 1e-3 * (1 + random_below(random, 6))});
+    ImageGeometry wanted;
+    wanted.size = {17, 15, 16};
+    wanted.spacing = {0.7e-3, 0.45e-3 * (1 + random_below(random, 3)), 0.65e-3};
+    wanted.origin = map.to_world(Vec3(-1.5, random_below(random, 4) - 2, 0.5));
+    if (seed % 2) wanted.direction = map.direction;
+    std::vector<std::uint16_t> values(17 * 15 * 16);
+    for (auto& value : values) value = static_cast<std::uint16_t>(random());
+    const TissueImage tissue = locate_tissue(map, mesh, interleaved(mesh), {}, wanted);
+    EXPECT_EQ(tissue.gap_voxels + tissue.folded_voxels, 0) << seed;
+    for (const Interpolation how : {Interpolation::nearest, Interpolation::linear}) {
+      EXPECT_EQ(resample_image<std::uint16_t>(wanted, values, tissue, how, 7), values) << seed;
+    }
   }
 }
 
@@ -121,35 +147,32 @@ TEST(Resample, FollowsAnAffineDeformationIntoAnyGeometry) {
     const Vec3 q = stretch * p;
     nodes.insert(nodes.end(), {q[0], q[1], q[2]});
   }
-  std::vector<float> grey;  // linear in the voxel's coordinates
-  for (int k = 0; k < 12; ++k) {
-    for (int j = 0; j < 13; ++j) {
-      for (int i = 0; i < 14; ++i) grey.push_back(static_cast<float>(2 * i - 3 * j + k));
-    }
-  }
   ImageGeometry wanted;
   wanted.size = {20, 20, 20};
   wanted.spacing = {0.6e-3, 0.5e-3, 0.7e-3};
   wanted.origin = {2e-3, 1e-3, 3e-3};
   wanted.direction << 0, 1, 0, 1, 0, 0, 0, 0, 1;
+  std::vector<float> grey;  // linear in the voxel's coordinates
+  for (int v = 0; v < 8000; ++v)
+    grey.push_back(static_cast<float>(2 * (v % 20) - 3 * (v / 20 % 20) + v / 400));
   const TissueImage tissue = locate_tissue(map, mesh, nodes, {}, wanted);
-  const std::vector<float> values = resample_grey(map, grey, tissue, Interpolation::linear, -100);
+  const std::vector<float> values = resample_image<float>(wanted, grey, tissue, Interpolation::linear, -100);
   int checked = 0;
   for (std::size_t v = 0; v < values.size(); ++v) {
     if (tissue.voxel[v] < 0) continue;
     const Vec3 at(static_cast<double>(v % 20), static_cast<double>(v / 20 % 20),
                   static_cast<double>(v / 400));
-    const Vec3 world = wanted.origin + wanted.direction * wanted.spacing.cwiseProduct(at);
-    Vec3 sum = Vec3::Zero();
-    for (int a = 0; a < 3; ++a) {
-      for (int r = 0; r < 3; ++r) sum[r] += stretch(r, a) * static_cast<double>(tissue.source[v][a]) * 1e-3;
-    }
-    for (int a = 0; a < 3; ++a) ASSERT_NEAR(sum[a], world[a], 1e-8);
+    Vec3 source = at;  // in wanted voxels
+    for (int a = 0; a < 3; ++a) source[a] -= static_cast<double>(tissue.moved[v][a]);
+    const auto world = [&](const Vec3& point) {
+      return wanted.origin + wanted.direction * wanted.spacing.cwiseProduct(point);
+    };
+    ASSERT_LT((stretch * world(source) - world(at)).norm(), 1e-9);
     bool within = true;
-    for (int a = 0; a < 3; ++a) within &= tissue.source[v][a] >= 0 && tissue.source[v][a] <= map.size[a] - 1;
+    for (int a = 0; a < 3; ++a) within &= source[a] >= 0 && source[a] <= 19;
     if (!within) continue;
     ++checked;
-    ASSERT_NEAR(values[v], 2 * tissue.source[v][0] - 3 * tissue.source[v][1] + tissue.source[v][2], 1e-4);
+    ASSERT_NEAR(values[v], 2 * source[0] - 3 * source[1] + source[2], 1e-4);
   }
   EXPECT_GT(checked, 3000);
 }
@@ -161,7 +184,7 @@ TEST(Resample, SkipsRemovedAndBrokenTetrahedraAndCarriesTheirValues) {
   for (int t = 0; t < mesh.tets_per_cell; ++t)
     alive[mesh.cell_of_voxel[map.index(5, 2, 2)] * mesh.tets_per_cell + t] = 0;
   const TissueImage tissue = locate_tissue(map, mesh, interleaved(mesh), alive, geometry_of(map));
-  EXPECT_EQ(tissue.voxel[map.index(5, 2, 2)], -1);
+  EXPECT_EQ(tissue.voxel[map.index(5, 2, 2)], gap_voxel);
   EXPECT_GE(tissue.voxel[map.index(5, 6, 6)], 0);
   std::vector<float> values;
   for (std::size_t t = 0; t < mesh.tets.size(); ++t) values.push_back(static_cast<float>(t));
@@ -190,7 +213,7 @@ TEST(Resample, IsTheSameForAnyThreadCount) {
   omp_set_num_threads(threads);
   EXPECT_EQ(one.voxel, three.voxel);
   EXPECT_EQ(one.tet, three.tet);
-  EXPECT_EQ(one.source, three.source);
+  EXPECT_EQ(one.moved, three.moved);
   EXPECT_EQ(one.folded_voxels, three.folded_voxels);
 }
 

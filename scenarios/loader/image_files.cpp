@@ -221,7 +221,7 @@ void require_file(const fs::path& path, const std::string& what) {
 }
 
 ImageData find_image_data(const fs::path& path, ImageFormat format) {
-  require_file(path, "the label map");
+  require_file(path, "the image");
   if (format == ImageFormat::nifti) return find_nifti_data(path);
   const TextHeader header = read_text_header(path, format);
   std::string name;
@@ -271,6 +271,7 @@ NiftiHeader read_nifti_header(const fs::path& path) {
   header.slope = binary.real(112, 176);
   header.shift = binary.real(116, 184);
   header.data_offset = second ? static_cast<double>(binary.at<std::int64_t>(168)) : binary.at<float>(108);
+  header.bits = binary.at<std::uint16_t>(second ? 14 : 72);
   const int code = second ? binary.at<std::int32_t>(348) : binary.at<std::int16_t>(254);
   if (code <= 0) return header;
   // Units 1: metres, 3: micrometres, else millimetres. Rows x, y, z point right, anterior, superior.

@@ -39,6 +39,7 @@ void require_data(const std::filesystem::path& path, const ImageData& data, std:
 struct NiftiHeader {
   double slope = 0, shift = 0;  // scl_slope, scl_inter
   double data_offset = 0;       // bytes, vox_offset
+  unsigned bits = 0;            // of a voxel
   // sform, if its code says that it is set: millimetres, left-posterior-superior; column a = step along voxel
   // axis a.
   struct Affine {

@@ -95,8 +95,21 @@ int movie_command(const MovieOptions& options);
 struct MeshOptions {
   std::filesystem::path label_map, pairs, out;
   double size_mm = 10;
+  std::string split = "five";  // or "six", tetrahedra a cell
+  std::int64_t min_island_cells = 0;
 };
 int mesh_command(const MeshOptions& options);
+
+struct ExportOptions {
+  std::filesystem::path recording;        // run.h5, or the folder of a run
+  double at_s = -1;                       // s; negative: the end
+  std::filesystem::path like;             // image to deform; empty: the run's label map
+  std::filesystem::path out;              // image, or a folder for a DICOM series
+  std::string interpolation = "nearest";  // or "linear"
+  std::string overlay;                    // "max_principal_stress", or none
+  double fill = 0;                        // of gaps and folds
+};
+int export_volume_command(const ExportOptions& options);
 
 struct DiffOptions {
   std::filesystem::path a, b;  // folders of runs, or run.h5

@@ -161,8 +161,35 @@ int command_line(int argc, char** argv) {
   mesh_app->add_option("LABELMAP", mesh.label_map, "NRRD, NIfTI or MetaImage file")->required();
   mesh_app->add_option("--size-mm", mesh.size_mm, "edge of a cell, mm")->capture_default_str();
   mesh_app->add_option("--pairs", mesh.pairs, "text file of separation label pairs, two labels a line");
+  mesh_app->add_option("--split", mesh.split, "tetrahedra of a cell")
+      ->check(CLI::IsMember({"five", "six"}))
+      ->capture_default_str();
+  mesh_app->add_option("--min-island-cells", mesh.min_island_cells, "pieces of fewer cells are left out")
+      ->check(CLI::NonNegativeNumber);
   mesh_app->add_option("--out", mesh.out, "VTK file (.vtu)")->required();
   mesh_app->callback([&] { code = sulcus::mesh_command(mesh); });
+
+  sulcus::ExportOptions exported;
+  auto* export_app = app.add_subcommand("export-volume", "applies a recorded deformation to an image");
+  export_app->footer(
+      "Example: sulcus export-volume out/run.h5 --at 4.8 --like mri.nii.gz --interp linear --out open.nrrd");
+  export_app->add_option("RECORDING", exported.recording, "run.h5, or the folder of a run")->required();
+  export_app->add_option("--at", exported.at_s, "s; the nearest recorded frame is taken (default: the end)")
+      ->check(CLI::NonNegativeNumber);
+  export_app->add_option("--like", exported.like,
+                         "label or grey image in the space of the label map: NRRD, NIfTI, MetaImage or a "
+                         "folder with a DICOM series (default: the label map)");
+  export_app
+      ->add_option("--out", exported.out,
+                   ".nrrd, .nii, .nii.gz, .mha, .mhd; a name without ending: folder with a DICOM series")
+      ->required();
+  export_app->add_option("--interp", exported.interpolation, "nearest for labels, linear for grey values")
+      ->check(CLI::IsMember({"nearest", "linear"}))
+      ->capture_default_str();
+  export_app->add_option("--overlay", exported.overlay, "a second image, <out>_<overlay>, of this quantity")
+      ->check(CLI::IsMember({"max_principal_stress"}));
+  export_app->add_option("--fill", exported.fill, "value of gaps and folds")->capture_default_str();
+  export_app->callback([&] { code = sulcus::export_volume_command(exported); });
 
   sulcus::BlessOptions bless;
   bless.golden = SULCUS_GOLDEN_DIR;

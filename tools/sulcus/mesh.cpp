@@ -96,6 +96,8 @@ int mesh_command(const MeshOptions& options) {
   }
   EmbeddingOptions embedding;
   embedding.size_m = options.size_mm * 1e-3;
+  embedding.split = options.split == "six" ? TetSplit::six : TetSplit::five;
+  embedding.min_island_cells = options.min_island_cells;
   const EmbeddingMesh mesh = build_embedding(map, pairs, embedding);
   write_file_atomically(options.out, vtu_text(mesh));
   std::printf(
