@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "engine/mesh/surface.h"
+#include "engine/scene/state.h"
 #include "scenarios/loader/scenario.h"
 #include "verify/png.h"
 
