@@ -65,7 +65,7 @@ int movie_command(const MovieOptions& options) {
   ShotRenderer renderer(scenario, scene);
   Progress progress(scenario.name + ": frames", static_cast<std::int64_t>(run.frames.size()));
   for (std::size_t f = 0; f < run.frames.size(); ++f) {
-    char name[24];
+    char name[32];
     std::snprintf(name, sizeof name, "%06zu.png", f);
     write_png(renderer.image(shot, state_of(run, run.frames[f])), folder.path / name);
     progress.at(static_cast<std::int64_t>(f) + 1);
