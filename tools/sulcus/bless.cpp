@@ -77,15 +77,16 @@ std::vector<Variant> variants_of(const Scenario& scenario) {
           {"solver tolerance / 10", {tighter.str()}, 0, false}};
 }
 
-RunData record(const std::string& scenario, const Variant& variant, bool pictures, const fs::path& out) {
+RunData record(const BlessOptions& bless, const Variant& variant, bool pictures, const fs::path& out) {
   RunOptions options;
-  options.scenario = scenario;
+  options.scenario = bless.scenario;
+  options.threads = bless.threads;
   options.out = out;
   options.overrides = variant.overrides;
   options.start_shift_seed = variant.start_shift_seed;
   options.pictures = pictures;
   if (!pictures) options.overrides.push_back("/solver/measure_error_every_steps=0");
-  if (run_command(options) != 0) throw InputError(scenario + ": does not run; no golden written");
+  if (run_command(options) != 0) throw InputError(bless.scenario + ": does not run; no golden written");
   return read_run(out / "run.h5");
 }
 
@@ -121,7 +122,7 @@ int bless_command(const BlessOptions& options) {
   refuse_unclean_tree(options.golden, temporary.path / "git.log");
   const Scenario scenario = load_scenario(find_scenario(options.scenario));
 
-  const RunData run = record(options.scenario, {}, true, temporary.path / "run");
+  const RunData run = record(options, {}, true, temporary.path / "run");
   const std::vector<Check> statements = check_run(run, temporary.path / "run", {});
   if (!all_passed(statements)) {
     for (const Check& check : statements) {
@@ -133,7 +134,7 @@ int bless_command(const BlessOptions& options) {
   const std::vector<Variant> variants = variants_of(scenario);
   std::vector<RunData> runs;
   for (std::size_t v = 0; v < variants.size(); ++v)
-    runs.push_back(record(options.scenario, variants[v], false, temporary.path / std::to_string(v)));
+    runs.push_back(record(options, variants[v], false, temporary.path / std::to_string(v)));
   std::vector<GoldenVariant> measured;
   for (std::size_t v = 0; v < variants.size(); ++v)
     measured.push_back({variants[v].label, &runs[v], variants[v].same_work});

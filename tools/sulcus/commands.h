@@ -120,6 +120,7 @@ int diff_command(const DiffOptions& options);
 struct BlessOptions {
   std::string scenario, why;
   std::filesystem::path golden;  // folder of golden outputs, in a clone of the repository
+  int threads = 0;
 };
 int bless_command(const BlessOptions& options);
 

@@ -200,6 +200,8 @@ int command_line(int argc, char** argv) {
       ->required();
   bless_app->add_option("--why", bless.why, "the reason, for those who review it")->required();
   bless_app->add_option("--golden", bless.golden, "folder of golden outputs")->capture_default_str();
+  bless_app->add_option("--threads", bless.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
   bless_app->callback([&] { code = sulcus::bless_command(bless); });
 
   sulcus::SuiteOptions suite;

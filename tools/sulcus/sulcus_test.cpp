@@ -175,7 +175,7 @@ TEST_F(Command, LockstepFindsTheFirstDifferenceOfTwoBuilds) {
   std::ofstream(folder / "other") << "#!/bin/sh\nshift 2\nexec '" << SULCUS_COMMAND << "' replay '" << moved
                                   << "' \"$@\"\n";
   fs::permissions(folder / "other", fs::perms::owner_all);
-  const Result differs = command("replay " + path + " --lockstep " + out("other"));
+  const Result differs = command("replay " + path + " --threads 1 --lockstep " + out("other"));
   EXPECT_EQ(differs.code, 1) << differs.output;
   EXPECT_TRUE(contains(differs.output, "DIFFERS after 41 of 60 steps, first in stage sample, field device"))
       << differs.output;
