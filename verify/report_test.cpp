@@ -1,5 +1,4 @@
 #include "verify/report.h"
-#include "verify/fingerprint.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -13,6 +12,7 @@
 #include <sstream>
 
 #include "engine/numerics/error.h"
+#include "verify/fingerprint.h"
 #include "verify/report_parts.h"
 
 namespace sulcus {
