@@ -1,8 +1,10 @@
 #include "verify/measures.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
+#include <map>
 #include <numbers>
 
 namespace sulcus {
@@ -178,6 +180,37 @@ Found least_travel(const RunData& run, const Vec3& along) {
   return found;
 }
 
+Found opening(const RunData& run, const Measure& measure) {
+  const auto nodes = static_cast<std::size_t>(run.header.node_count());
+  const auto place = [](const std::vector<double>& x, std::size_t node) {
+    return std::array<double, 3>{x[3 * node], x[3 * node + 1], x[3 * node + 2]};
+  };
+  std::map<std::array<double, 3>, std::vector<std::size_t>> sharing;
+  for (std::size_t n = 0; n < nodes; ++n) sharing[place(run.header.rest_positions, n)].push_back(n);
+  Found found;
+  for (const Frame& frame : run.frames) {
+    if (frame.time_s < measure.from_s || frame.time_s > measure.to_s) continue;
+    for (const auto& [rest, copies] : sharing) {
+      for (std::size_t a = 0; a < copies.size(); ++a) {
+        for (std::size_t b = a + 1; b < copies.size(); ++b) {
+          const auto p = place(frame.positions, copies[a]), q = place(frame.positions, copies[b]);
+          const double apart_mm = 1e3 * Vec3(p[0] - q[0], p[1] - q[1], p[2] - q[2]).norm();
+          if (found.comparisons++ > 0 && !(apart_mm > found.value)) continue;
+          found.value = apart_mm;
+          found.detail = at_step(frame.step);
+        }
+      }
+    }
+  }
+  return found;
+}
+
+Found find(const RunData& run, const Measure& measure) {
+  if (measure.what == "least_travel_mm") return least_travel(run, measure.along);
+  if (measure.what == "opening_mm") return opening(run, measure);
+  return measure_tool(run, measure);
+}
+
 }  // namespace
 
 std::vector<Check> check_measures(const RunData& run, std::span<const Measure> measures) {
@@ -185,8 +218,7 @@ std::vector<Check> check_measures(const RunData& run, std::span<const Measure> m
   for (const Measure& measure : measures) {
     const std::string name = measure.tool.empty() ? measure.what : measure.what + "/" + measure.tool;
     const std::string unit = measure.what.substr(measure.what.rfind('_') + 1);
-    const Found found =
-        measure.what == "least_travel_mm" ? least_travel(run, measure.along) : measure_tool(run, measure);
+    const Found found = find(run, measure);
     if (measure.at_least)
       checks.push_back(check_at_least(name, statement, found.value, *measure.at_least, unit,
                                       found.comparisons, found.detail));

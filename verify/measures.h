@@ -32,6 +32,9 @@ namespace sulcus {
 //
 //   least_travel_mm    smallest displacement of a node along `along` from rest to the end of the run: all of
 //                      the tissue has come so far
+//   opening_mm         largest distance between two nodes that share a place at rest, over the recorded
+//   frames
+//                      of the window: how wide a fissure is open
 struct Measure {
   std::string what;  // a name from above
   std::string tool;  // a tool's name; empty for measures of the tissue

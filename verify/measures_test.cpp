@@ -126,6 +126,23 @@ TEST(Measures, TravelIsThatOfTheNodeThatCameLeastFar) {
   EXPECT_NEAR(value_of(run, travel), 80, 1e-9);
 }
 
+TEST(Measures, OpeningIsBetweenNodesThatShareAPlaceAtRest) {
+  RunData run = run_of([](double) { return Vec3(0, 0, 0); }, no_turn);
+  run.header.rest_positions = {0, 0, 0, 0.01, 0, 0, 0.01, 0, 0};
+  Frame closed{0, 0, run.header.rest_positions, {}, {}, {}}, open = closed;
+  open.step = 100;
+  open.time_s = 100 * h;
+  open.positions = {0.5, 0, 0, 0.01, 0.003, 0, 0.01, -0.001, 0};
+  run.frames = {closed, open, closed};
+  Measure opening = measure_of("opening_mm");
+  opening.at_least = 0;
+  EXPECT_NEAR(check_measures(run, std::span(&opening, 1))[0].value, 4, 1e-12);
+  opening.to_s = 1;
+  EXPECT_EQ(check_measures(run, std::span(&opening, 1))[0].value, 0);
+  run.header.rest_positions[3] = 0.02;  // nothing shares a place
+  EXPECT_FALSE(check_measures(run, std::span(&opening, 1))[0].passed);
+}
+
 TEST(Measures, HaveACheckForEachBoundAndFailWithoutData) {
   RunData run = run_of([](double) { return Vec3(0, 0, 1); }, no_turn);
   Measure force = measure_of("contact_force_N");

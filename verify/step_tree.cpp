@@ -121,7 +121,8 @@ std::string ulps_text(const LeafArray& a, const LeafArray& b, std::size_t index)
     return a.type == "f64" ? in_order<std::uint64_t>(&array.bytes[at])
                            : in_order<std::uint32_t>(&array.bytes[at]);
   };
-  const double ulps = std::abs(static_cast<double>(order(a)) - static_cast<double>(order(b)));
+  const auto ulps =
+      static_cast<double>(std::abs(static_cast<long double>(order(a)) - static_cast<long double>(order(b))));
   char text[48];
   std::snprintf(text, sizeof text, ulps < 1e6 ? ", %.0f ulps apart" : ", %.3g ulps apart", ulps);
   return text;

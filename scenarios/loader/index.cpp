@@ -49,6 +49,8 @@ std::vector<ScenarioSummary> list_scenarios(const std::filesystem::path& directo
       load_scenario(file);
     } catch (const InputError& refusal) {
       summary.error = refusal.what();
+    } catch (const MissingData& absence) {
+      summary.missing = absence.what();
     }
     summaries.push_back(std::move(summary));
   }

@@ -123,8 +123,9 @@ void check_box(const Vec3& min_m, const Vec3& max_m, const std::string& pointer,
   }
 }
 
+// missing: what to say if optional data are not here.
 void read_label_map(const json& object, const std::filesystem::path& directory, Scenario& scenario,
-                    Problems& problems) {
+                    std::string& missing, Problems& problems) {
   if (object.contains("file") == object.contains("generate")) {
     problems.push_back("/label_map: expected exactly one of \"file\" and \"generate\"");
     return;
@@ -132,9 +133,14 @@ void read_label_map(const json& object, const std::filesystem::path& directory, 
   if (object.contains("file")) {
     const std::filesystem::path file = directory / object["file"].get<std::string>();
     scenario.map_source = file;
-    collect(problems, "/label_map/file", [&] {
-      for (const auto& input : label_map_files(file)) scenario.input_files.push_back(input);
-    });
+    if (std::error_code error; object.contains("optional") && !std::filesystem::exists(file, error)) {
+      missing = "/label_map/file: the optional data " + file.lexically_normal().string() +
+                " are not here, so this scenario is left out; " + object["optional"].get<std::string>();
+    } else {
+      collect(problems, "/label_map/file", [&] {
+        for (const auto& input : label_map_files(file)) scenario.input_files.push_back(input);
+      });
+    }
   } else {
     scenario.map_source = read_generated(object["generate"]);
   }
@@ -474,7 +480,7 @@ void read_measures(const json& list, Scenario& scenario, Problems& problems) {
     read(object, "at_most", measure.at_most);
     const auto is_named = [&](const Tool& tool) { return tool.name == measure.tool; };
     const std::vector<Tool>& tools = scenario.scene.tools;
-    if (measure.what == "least_travel_mm") {
+    if (measure.what == "least_travel_mm" || measure.what == "opening_mm") {
       if (!measure.tool.empty())
         problems.push_back(pointer + "/tool: this is no measure of a tool; leave it out");
     } else if (std::none_of(tools.begin(), tools.end(), is_named)) {
@@ -595,7 +601,8 @@ Scenario parse_scenario(const json& document, const std::string& place,
   read(document, "name", scenario.name);
   read(document, "title", scenario.title);
   read(document, "description", scenario.description);
-  read_label_map(document["label_map"], directory, scenario, problems);
+  std::string missing;
+  read_label_map(document["label_map"], directory, scenario, missing, problems);
   collect(problems, "/separation_pairs", [&] {
     std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
     read(document, "separation_pairs", pairs);
@@ -615,7 +622,11 @@ Scenario parse_scenario(const json& document, const std::string& place,
   read_colours(part(document, "label_colours"), scenario, problems);
   read_golden(part(document, "golden"), scenario.golden);
   if (!problems.empty()) throw InputError(list_problems(place, problems));
-  scenario.resolved_json = document.dump(2) + "\n";
+  if (!missing.empty()) throw MissingData(place + ": " + missing);
+  json resolved = document;  // to be read again from anywhere
+  if (const auto* file = std::get_if<std::filesystem::path>(&scenario.map_source))
+    resolved["label_map"]["file"] = file->lexically_normal().string();
+  scenario.resolved_json = resolved.dump(2) + "\n";
   return scenario;
 }
 

@@ -22,6 +22,7 @@
 
 #include "device_sim/scripted.h"
 #include "engine/device/device.h"
+#include "engine/numerics/error.h"
 #include "engine/scene/scene.h"
 #include "scenarios/loader/generated.h"
 
@@ -172,10 +173,16 @@ struct Scenario {
   std::int64_t steps() const;  // whole number nearest to duration / step
 };
 
+// The scenario is right, but data that it names and calls optional are not on this machine. The message says
+// how to get them. A suite leaves such a scenario out and says so.
+struct MissingData : EnvironmentError {
+  using EnvironmentError::EnvironmentError;
+};
+
 // Reads and checks a scenario. overrides: "/json/pointer=value", value read as JSON, else as a string; the
 // pointer may name a key that the file leaves out but the format knows. Throws InputError: no such file, JSON
 // syntax (line and column), every violation of the schema (pointer, found, expected, nearest known key),
-// values that cannot be simulated, missing label map.
+// values that cannot be simulated, missing label map. Throws MissingData if nothing else is wrong.
 Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides = {});
 
 // The same from text, as a recording keeps it. `place` names it in messages; relative file names are looked
@@ -206,7 +213,8 @@ const std::string& scenario_schema();
 struct ScenarioSummary {
   std::filesystem::path path;
   std::string name, title, description;
-  std::string error;  // empty if the file is valid
+  std::string error;    // empty if the file is valid
+  std::string missing;  // optional data that are not here; else empty
 };
 std::vector<ScenarioSummary> list_scenarios(const std::filesystem::path& directory);
 

@@ -212,6 +212,41 @@ TEST(ScenarioErrors, OfTrajectoriesCarryARemedy) {
   expect_refused(document, {"/waypoints/1/axis", "no length"});
 }
 
+TEST(ScenarioErrors, OptionalDataThatAreNotHereAreSaidToBeMissingAndHowToGetThem) {
+  json document = full_scenario();
+  document["label_map"] = {{"file", "absent.nrrd"}, {"optional", "copy it from the atlas"}};
+  try {
+    load_scenario_text(document.dump(), "test.json", "/nowhere");
+    FAIL() << "nothing was missing";
+  } catch (const MissingData& missing) {
+    const std::string text = missing.what();
+    EXPECT_NE(text.find("/nowhere/absent.nrrd"), std::string::npos) << text;
+    EXPECT_NE(text.find("copy it from the atlas"), std::string::npos) << text;
+  }
+  document["mesh"]["size_mm"] = -1;  // what is wrong is said first
+  expect_refused(document, {"/mesh/size_mm"});
+}
+
+TEST(ScenarioErrors, MeasuresNameAToolAndABound) {
+  json document = full_scenario();
+  json measure = {{"what", "pull_N"}, {"tool", "ball"}, {"at_most", 0}};
+  document["checks"]["measures"] = {measure};
+  EXPECT_EQ(load_scenario_text(document.dump(), "test.json", ".").checks.measures.size(), 1U);
+  measure["tool"] = "knife";
+  document["checks"]["measures"] = {measure};
+  expect_refused(document, {"/checks/measures/0/tool", "knife"});
+  measure = {{"what", "least_travel_mm"}, {"tool", "ball"}, {"at_least", 1}};
+  document["checks"]["measures"] = {measure};
+  expect_refused(document, {"/checks/measures/0/tool", "leave it out"});
+  measure = {{"what", "pull_N"}, {"tool", "ball"}};
+  document["checks"]["measures"] = {measure};
+  expect_refused(document, {"/checks/measures/0", "at_least"});
+  measure["at_most"] = 0;
+  measure["along"] = {0, 0, 0};
+  document["checks"]["measures"] = {measure};
+  expect_refused(document, {"/along", "no length"});
+}
+
 TEST(ScenarioErrors, OfContradictionsArePointedOut) {
   json document = full_scenario();
   document["label_map"]["file"] = "x.nrrd";

@@ -17,7 +17,8 @@ struct Response {
 
 // One tool of the scenario, with another damping.
 Response respond(const std::string& name, double damping_N_m_s_rad) {
-  Scenario scenario = load_scenario(std::string(SULCUS_SOURCE_DIR) + "/scenarios/" + name + ".json");
+  Scenario scenario = load_scenario(std::string(SULCUS_SOURCE_DIR) + "/scenarios/" + name + ".json",
+                                    {"/label_map/generate/box/voxel_size_mm=10"});  // quick to mesh
   scenario.scene.tools.resize(1);
   scenario.scripts.resize(1);
   scenario.scene.tools[0].coupling.rotational_damping_N_m_s_rad = damping_N_m_s_rad;

@@ -111,7 +111,8 @@ int list_command(const std::filesystem::path& directory) {
   int code = 0;
   for (const ScenarioSummary& scenario : list_scenarios(directory)) {
     if (scenario.error.empty()) {
-      std::printf("%-28s %s\n", scenario.name.c_str(), scenario.title.c_str());
+      const char* note = scenario.missing.empty() ? "" : " (its optional data are not here)";
+      std::printf("%-28s %s%s\n", scenario.name.c_str(), scenario.title.c_str(), note);
     } else {
       std::printf("%-28s not valid: %s\n", scenario.path.stem().c_str(), scenario.error.c_str());
       code = 2;
