@@ -221,6 +221,11 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
                workspace.forces[3 * n + d]);
     }
   }
+  for (const NodeForce& load : scene.settings.forces) {
+    const auto n = static_cast<std::size_t>(load.node);
+    for (std::size_t d = 0; d < 3; ++d)
+      workspace.forces[3 * n + d] += h * load.force_N[static_cast<Eigen::Index>(d)];
+  }
   for (const NodeSpring& spring : scene.settings.springs) {
     const auto n = static_cast<std::size_t>(spring.node);
     const double weight = h * (spring.damping_N_s_m + h * spring.stiffness_N_m);
@@ -232,12 +237,6 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
       numbers.system.node_terms[16 * n + 4 * d] += static_cast<Real>(weight);
     }
   }
-}
-
-// Place of entry d of a node in a solver vector.
-std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size_t d) {
-  const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)]);
-  return (slot / 16 * 3 + d) * 16 + slot % 16;
 }
 
 // The increments that bring the nodes on paths to where they shall be at the end of the step.
@@ -399,8 +398,6 @@ Vec3 contact_force(const Scene& scene, const State& state, const Contact& contac
           (law.damping_N_s_m + scene.settings.step_s * law.stiffness_N_m) * rate);
 }
 
-// Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
-// never moves them there; the rest of the block is inverted by itself.
 template <class Real>
 void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
   for (const SlidingNode& sliding : scene.settings.sliding) {
@@ -456,6 +453,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
 
 #define SULCUS_INSTANTIATE(Real)                                                                            \
   template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                       \
+  template void keep_in_planes<Real>(const Scene&, SystemMatrix<Real>&);                                    \
   template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,        \
                                                 Numbers<Real>&, Workspace&, StageObserver*, double, double, \
                                                 bool);
