@@ -147,7 +147,7 @@ TEST_F(Command, DiffNamesStepStageFieldIndexValuesAndUlps) {
   EXPECT_EQ(same.code, 0) << same.output;
   EXPECT_TRUE(contains(same.output, "SAME  60 steps")) << same.output;
 
-  ASSERT_EQ(command(run + out("c") + " --set /tissue/default/youngs_modulus_Pa=1000.0000001").code, 0);
+  ASSERT_EQ(command(run + out("c") + " --set /tissue/default/youngs_modulus_Pa=1234.5").code, 0);
   const Result other = command("diff " + out("a") + " " + out("c"));
   EXPECT_EQ(other.code, 1) << other.output;
   EXPECT_TRUE(contains(other.output, "DIFFERS after 1 of 60 steps, first in stage assembly, field "))
@@ -265,14 +265,6 @@ TEST_F(Command, TheSuiteNamesWhatFailsAndGoesOn) {
   EXPECT_EQ(command(arguments + " --force --filter '['").code, 2);
   std::ofstream(folder / "scenarios" / "twin.json") << tiny;
   EXPECT_TRUE(contains(command(arguments + " --force").output, "both are called \"tiny\""));
-}
-
-TEST_F(Command, FuzzedScenariosKeepTheirStatements) {
-  const std::string out_folder = " --out " + out("fuzz");
-  const Result few = command("fuzz --seeds 3 --seed 1" + out_folder);
-  EXPECT_EQ(few.code, 0) << few.output;
-  EXPECT_TRUE(contains(few.output, "seeds 1 to 3, 3 run, 0 refused as scenarios, 0 failed")) << few.output;
-  EXPECT_TRUE(fs::is_empty(folder / "fuzz")) << "scenarios that hold are not kept";
 }
 
 TEST_F(Command, AMovieHasEveryFrame) {
