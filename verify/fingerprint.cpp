@@ -35,7 +35,7 @@ Hasher make_hasher() {
   return hasher;
 }
 
-enum class ElementType : std::uint8_t { float64 = 1, int64 = 2, uint8 = 3 };
+enum class ElementType : std::uint8_t { float64 = 1, int64 = 2, uint8 = 3, float32 = 4 };
 
 // Name with its length, type, number of elements: so that no two arrays can be confused.
 void begin_field(XXH3_state_t* hasher, std::string_view name, ElementType type, std::size_t count) {
@@ -74,6 +74,10 @@ std::uint64_t hash_field(std::string_view name, std::span<const double> values) 
     XXH3_64bits_update(hasher.get(), buffer.data(), count * sizeof(double));
   }
   return XXH3_64bits_digest(hasher.get());
+}
+
+std::uint64_t hash_field(std::string_view name, std::span<const float> values) {
+  return hash_plain(name, ElementType::float32, values.size(), values.data(), values.size_bytes());
 }
 
 std::uint64_t hash_field(std::string_view name, std::span<const std::int64_t> values) {

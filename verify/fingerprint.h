@@ -17,6 +17,7 @@
 namespace sulcus {
 
 std::uint64_t hash_field(std::string_view name, std::span<const double> values);
+std::uint64_t hash_field(std::string_view name, std::span<const float> values);  // bytes as they are
 std::uint64_t hash_field(std::string_view name, std::span<const std::int64_t> values);
 std::uint64_t hash_field(std::string_view name, std::span<const std::uint8_t> values);
 

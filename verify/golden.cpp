@@ -17,11 +17,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int golden_format_version = 1;
-constexpr double variant_factor = 10;            // tolerance / largest difference seen
-constexpr double least_share = 1e-9;             // of the peak: rounding alone
 constexpr double unmeasured_share = 1e-3;        // of the peak, quantities
 constexpr double unmeasured_count_share = 0.05;  // of the peak, counts, and at least 2
 const std::string values_kind = "values";
+const std::string iterations_series = "solver/iterations";
 
 struct Tolerance {
   double absolute = 0;  // in the unit of the quantity
@@ -37,11 +36,13 @@ std::vector<std::string> golden_series_names(const RunData& run) {
     for (const char* name : {"contact_force_N", "contact_torque_N_m", "contacts", "displayed_force_N",
                              "max_penetration_m", "position_m"})
       names.push_back("tools/" + std::to_string(tool) + "/" + name);
+  for (std::size_t motion = 0; motion < run.header.motion_names.size(); ++motion)
+    names.push_back("motions/" + std::to_string(motion) + "/force_N");
   return names;
 }
 
 bool is_count(const std::string& name) {
-  return name == "solver/iterations" || name == "tissue/alive_tets" || name.ends_with("/contacts");
+  return name == iterations_series || name == "tissue/alive_tets" || name.ends_with("/contacts");
 }
 
 // Steps whose values are kept, evenly spread, first and last among them.
@@ -108,6 +109,13 @@ double peak_of(const Series& series) {
 
 // --- tolerances
 
+std::vector<GoldenVariant> of_same_work(std::span<const GoldenVariant> variants) {
+  std::vector<GoldenVariant> same;
+  std::copy_if(variants.begin(), variants.end(), std::back_inserter(same),
+               [](const GoldenVariant& variant) { return variant.same_work; });
+  return same;
+}
+
 std::string labels_of(std::span<const GoldenVariant> variants) {
   std::string labels;
   for (const GoldenVariant& variant : variants) labels += (labels.empty() ? "" : ", ") + variant.label;
@@ -116,9 +124,9 @@ std::string labels_of(std::span<const GoldenVariant> variants) {
 
 Tolerance measured(double spread, double peak, std::span<const GoldenVariant> variants) {
   std::ostringstream basis;
-  basis << "10 x the largest difference (" << spread << ") to " << variants.size()
-        << " run(s) of other arithmetic: " << labels_of(variants);
-  return {std::max(variant_factor * spread, least_share * peak), basis.str()};
+  basis << spread_factor << " x the largest difference (" << spread
+        << ") to runs of other arithmetic: " << labels_of(variants);
+  return {std::max(spread_factor * spread, least_share * peak), basis.str()};
 }
 
 Tolerance unmeasured(double peak, bool count) {
@@ -167,10 +175,39 @@ Tolerance tolerance_of_work(const std::string& name, double value, const Json& b
     const auto kept = kept_tolerance(before, "work", name);
     return kept ? *kept : unmeasured(value, true);
   }
+  const std::vector<GoldenVariant> same_work = of_same_work(variants);
+  const bool of_solver = name == "iterations" || name == "steps_not_converged";
+  const auto compared = of_solver ? std::span<const GoldenVariant>(same_work) : variants;
   double spread = 0;
-  for (const GoldenVariant& variant : variants)
+  for (const GoldenVariant& variant : compared)
     spread = std::max(spread, std::abs(work_of(*variant.run)[name] - value));
-  return measured(spread, value, variants);
+  return measured(spread, value, compared);
+}
+
+// Takes out of `counts` what is not the same in all variants (how much tears, say), with the tolerance that
+// gives.
+Json take_varying(std::map<std::string, std::int64_t>& counts, const Json& before,
+                  std::span<const GoldenVariant> variants) {
+  Json varying = Json::object();
+  for (auto count = counts.begin(); count != counts.end();) {
+    const auto& [name, value] = *count;
+    double spread = 0;
+    for (const GoldenVariant& variant : variants) {
+      const auto found = variant.run->numbers.find(name);
+      if (found != variant.run->numbers.end())
+        spread = std::max(spread, std::abs(found->second - static_cast<double>(value)));
+    }
+    std::optional<Tolerance> tolerance;
+    if (variants.empty()) tolerance = kept_tolerance(before, "varying_counts", name);
+    if (spread > 0) tolerance = measured(spread, static_cast<double>(value), variants);
+    if (!tolerance) {
+      ++count;
+      continue;
+    }
+    varying[name] = {{"value", value}, {"tolerance", tolerance->absolute}, {"basis", tolerance->basis}};
+    count = counts.erase(count);
+  }
+  return varying;
 }
 
 // --- the file
@@ -219,7 +256,10 @@ Json golden_series(const RunData& run, const std::string& name, const Json& befo
   for (const std::int64_t step : kept_steps(run.steps))
     for (int c = 0; c < series->components; ++c)
       values.push_back(series->values[static_cast<std::size_t>(step * series->components + c)]);
-  const Tolerance tolerance = tolerance_of_series(*series, name, before, variants);
+  const std::vector<GoldenVariant> same_work = of_same_work(variants);
+  const Tolerance tolerance =
+      tolerance_of_series(*series, name, before,
+                          name == iterations_series ? std::span<const GoldenVariant>(same_work) : variants);
   const Range range = range_of(*series);
   return {{"unit", series->unit},     {"components", series->components}, {"tolerance", tolerance.absolute},
           {"basis", tolerance.basis}, {"lowest", range.lowest},           {"highest", range.highest},
@@ -290,8 +330,9 @@ Check compare_series(const RunData& run, const std::string& name, const Json& go
           "; tolerance: " + basis);
 }
 
-Check compare_counts(const RunData& run, const Json& golden) {
-  const auto counts = counts_of(run);
+Check compare_counts(const RunData& run, const Json& golden, const Json& varying) {
+  auto counts = counts_of(run);
+  for (const auto& [name, entry] : varying.items()) counts.erase(name);
   std::string wrong;
   std::int64_t bad = 0;
   const auto note = [&](const std::string& text) {
@@ -313,26 +354,28 @@ Check compare_counts(const RunData& run, const Json& golden) {
                        wrong.empty() ? std::to_string(golden.size()) + " counts equal" : wrong);
 }
 
-std::vector<Check> compare_work(const RunData& run, const Json& golden) {
-  auto work = work_of(run);
+// Numbers with a value and a tolerance each.
+std::vector<Check> compare_numbers(const std::string& group, const std::map<std::string, double>& numbers,
+                                   const Json& golden) {
   std::vector<Check> checks;
   for (const auto& [name, entry] : golden.items()) {
     const double expected = entry.at("value").get<double>();
-    const std::string check_name = "golden/work/" + name;
-    if (!work.contains(name)) {
+    const std::string check_name = "golden/" + group + "/" + name;
+    const auto found = numbers.find(name);
+    if (found == numbers.end()) {
       checks.push_back(failed_check(check_name, values_kind, "the run does not count it"));
       continue;
     }
     std::ostringstream detail;
-    detail << work[name] << ", golden " << expected
+    detail << found->second << ", golden " << expected
            << "; tolerance: " << entry.at("basis").get<std::string>();
-    checks.push_back(check_at_most(check_name, values_kind, std::abs(work[name] - expected),
+    checks.push_back(check_at_most(check_name, values_kind, std::abs(found->second - expected),
                                    entry.at("tolerance").get<double>(), "", 1, detail.str()));
   }
   return checks;
 }
 
-Check compare_fingerprint(const RunData& run, const Json& golden, bool values_hold) {
+Check compare_fingerprint(const RunData& run, const Json& golden, bool physics_holds) {
   const auto text = golden.get<std::string>();
   std::uint64_t expected = 0;
   Check check;
@@ -351,7 +394,7 @@ Check compare_fingerprint(const RunData& run, const Json& golden, bool values_ho
   check.detail = hex16(run.fingerprint());
   if (!check.passed)
     check.detail += ", golden " + text + ": " +
-                    (values_hold ? "arithmetic changed, physics did not" : "bits and values changed");
+                    (physics_holds ? "arithmetic changed, physics did not" : "bits and values changed");
   return check;
 }
 
@@ -380,7 +423,9 @@ std::vector<Check> compare_with(const RunData& run, const Json& golden) {
   } else {
     checks.push_back(
         check_at_most("golden/steps", values_kind, 0, 0, "", 1, std::to_string(steps) + " steps"));
-    checks.push_back(compare_counts(run, golden.at("counts")));
+    const Json varying = golden.value("varying_counts", Json::object());
+    checks.push_back(compare_counts(run, golden.at("counts"), varying));
+    for (Check& check : compare_numbers("counts", run.numbers, varying)) checks.push_back(std::move(check));
     if (golden.at("series").empty())
       checks.push_back(
           failed_check("golden/series", values_kind, "nothing was compared: the golden has no series"));
@@ -393,10 +438,15 @@ std::vector<Check> compare_with(const RunData& run, const Json& golden) {
       if (!golden.at("series").contains(name))
         checks.push_back(
             failed_check("golden/" + name, values_kind, "the golden has no such series; write it again"));
-    for (Check& check : compare_work(run, golden.at("work"))) checks.push_back(std::move(check));
+    for (Check& check : compare_numbers("work", work_of(run), golden.at("work")))
+      checks.push_back(std::move(check));
   }
-  const bool values_hold = all_passed(checks);
-  checks.insert(checks.begin(), compare_fingerprint(run, golden.at("fingerprint"), values_hold));
+  // how much the solver worked is no physics
+  const bool physics_holds = std::all_of(checks.begin(), checks.end(), [](const Check& check) {
+    return check.passed || check.name == "golden/" + iterations_series ||
+           check.name.starts_with("golden/work/");
+  });
+  checks.insert(checks.begin(), compare_fingerprint(run, golden.at("fingerprint"), physics_holds));
   return checks;
 }
 
@@ -413,7 +463,9 @@ void write_golden(const RunData& run, const std::filesystem::path& dir,
   golden["fingerprint"] = hex16(run.fingerprint());
   golden["steps"] = run.steps;
   golden["written_by"] = run.header.build;
-  golden["counts"] = counts_of(run);
+  auto counts = counts_of(run);
+  golden["varying_counts"] = take_varying(counts, before, variants);
+  golden["counts"] = counts;
   golden["work"] = Json::object();
   for (const auto& [name, value] : work_of(run)) {
     if (!std::isfinite(value)) throw InputError(place + ": counter " + name + " is not finite");

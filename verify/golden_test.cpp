@@ -208,7 +208,7 @@ TEST_F(Golden, TolerancesComeFromMeasuredSpreadAndAreKept) {
   const GoldenVariant variants[] = {{"gcc -mfma", &variant}};
   write_golden(run_, dir_, variants);
   const auto entry = json()["series"]["tissue/elastic_energy_J"];
-  EXPECT_NEAR(entry["tolerance"].get<double>(), 1e-8, 1e-14);
+  EXPECT_NEAR(entry["tolerance"].get<double>(), spread_factor * 1e-9, 1e-14);
   EXPECT_SAYS(entry["basis"].get<std::string>(), "gcc -mfma");
   const double untouched = json()["series"]["tools/0/max_penetration_m"]["tolerance"].get<double>();
   EXPECT_NEAR(untouched, 1e-9 * 4e-4, 1e-18);
@@ -216,6 +216,36 @@ TEST_F(Golden, TolerancesComeFromMeasuredSpreadAndAreKept) {
   write_golden(run_, dir_);  // without variants: what was measured stays
   EXPECT_EQ(json()["series"]["tissue/elastic_energy_J"], entry);
   EXPECT_TRUE(failures().empty());
+}
+
+TEST_F(Golden, WorkIsMeasuredByVariantsOfTheSameWorkOnly) {
+  RunData tighter = run_, shifted = run_;
+  for (double& iterations : tighter.series.at("solver/iterations").values) iterations *= 2;
+  shifted.series.at("solver/iterations").values[10] += 1;
+  const GoldenVariant variants[] = {{"tolerance / 10", &tighter, false}, {"one ulp", &shifted}};
+  write_golden(run_, dir_, variants);
+  EXPECT_EQ(json()["work"]["iterations"]["tolerance"].get<double>(), spread_factor);
+  EXPECT_EQ(json()["series"]["solver/iterations"]["tolerance"].get<double>(), spread_factor);
+}
+
+TEST_F(Golden, CountsThatVaryHaveATolerance) {
+  run_.numbers["torn_voxels"] = 100;
+  RunData variant = run_;
+  variant.numbers["torn_voxels"] = 104;
+  const GoldenVariant variants[] = {{"one ulp", &variant}};
+  write_golden(run_, dir_, variants);
+  EXPECT_FALSE(json()["counts"].contains("torn_voxels"));
+  EXPECT_TRUE(failures().empty());
+  run_.numbers["torn_voxels"] = 112;
+  EXPECT_TRUE(failures().empty());
+  run_.numbers["torn_voxels"] = 113;
+  EXPECT_SAYS(only_failure(), "golden/counts/torn_voxels: 113, golden 100");
+}
+
+TEST_F(Golden, MoreWorkForTheSamePhysicsIsArithmetic) {
+  run_.fingerprints.back() ^= 1;
+  for (double& iterations : run_.series.at("solver/iterations").values) iterations *= 2;
+  EXPECT_SAYS(failures()[0].detail, "arithmetic changed, physics did not");
 }
 
 TEST_F(Golden, VariantOfAnotherLengthIsRefused) {

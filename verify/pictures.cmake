@@ -7,8 +7,8 @@ find_path(SULCUS_FONT_DIR DejaVuSans.ttf PATHS /usr/share/fonts PATH_SUFFIXES tr
 
 sulcus_library(sulcus_pictures
   colour_map.cpp gnuplot.cpp picture.cpp picture_diff.cpp picture_gl.cpp picture_occlusion.cpp picture_shapes.cpp picture_text.cpp
-  plots.cpp png.cpp report.cpp report_charts.cpp report_session.cpp report_template.cpp report_values.cpp run_picture.cpp
-  suite_index.cpp work_precision.cpp
+  plots.cpp png.cpp report.cpp report_charts.cpp report_session.cpp report_steps.cpp report_template.cpp report_values.cpp
+  run_picture.cpp suite_index.cpp work_precision.cpp
   LINK sulcus_verify sulcus_numerics)
 target_link_libraries(sulcus_pictures PRIVATE nlohmann_json::nlohmann_json PNG::PNG Freetype::Freetype ${OSMESA_LIBRARY})
 target_include_directories(sulcus_pictures SYSTEM PRIVATE ${OSMESA_INCLUDE_DIR})

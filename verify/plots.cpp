@@ -66,6 +66,8 @@ std::vector<Curve> drawn_curves(const Chart& chart) {
   return drawn;
 }
 
+constexpr double plot_left = 0.14, plot_right = 0.97;  // of the chart's width
+
 struct Range {
   double low = INFINITY, high = -INFINITY;
   void take(double value) {
@@ -76,13 +78,9 @@ struct Range {
   bool empty() const { return !(low <= high); }
 };
 
-std::string axis_ranges(const Chart& chart, Range x, Range y) {
+std::string axis_ranges(const Chart& chart, const Range& x, Range y) {
   if (chart.has_bound) y.take(chart.bound);
   std::ostringstream out;
-  if (x.low == x.high) {
-    x.low -= 0.5;
-    x.high += 0.5;
-  }
   out << "set xrange [" << gnuplot_number(x.low) << ":" << gnuplot_number(x.high) << "]\n";
   if (chart.log_y) {
     // Whole decades.
@@ -102,6 +100,7 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
   std::ostringstream out;
   out << "set terminal svg size 520,290 dynamic enhanced font 'sans-serif,13'\n"
       << "set encoding utf8\nset datafile missing 'NaN'\n"
+      << "set lmargin at screen " << plot_left << "\nset rmargin at screen " << plot_right << "\n"
       << "set border 3 front lc rgb '" << ink << "' lw 0.7\n"
       << "set tics nomirror scale 0.5 tc rgb '" << ink << "'\n"
       << "set grid ytics lt 1 lc rgb '#B0808080' lw 0.7\n"
@@ -123,6 +122,13 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
     }
     out << "EOD\n";
   }
+  for (std::size_t b = 0; b < chart.bands.size(); ++b) {
+    const Band& band = chart.bands[b];
+    out << "$b" << b << " << EOD\n";
+    for (std::size_t i = 0; i < band.x.size(); ++i)
+      out << gnuplot_number(band.x[i]) << ' ' << gnuplot_number(band.low[i]) << ' ' << gnuplot_number(band.high[i]) << '\n';
+    out << "EOD\n";
+  }
   const auto style = [&](std::size_t c) -> std::string {
     const std::string colour = std::string(" lc rgb '") + colours[c % std::size(colours)] + "'";
     if (chart.kind == ChartKind::stacked) return " with filledcurves y1=0" + colour;
@@ -131,9 +137,16 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
   };
   // Piles are painted from the highest down, each over the one before; the key keeps the order of the curves.
   const bool stacked = chart.kind == ChartKind::stacked;
+  const char* separator = "plot ";
+  constexpr const char* band_style = " with filledcurves fs solid 0.35 lc rgb '#8a8f98'";
+  for (std::size_t b = 0; b < chart.bands.size(); ++b) {
+    out << separator << "$b" << b << " using 1:2:3" << band_style << " title " << gnuplot_text(chart.bands[b].name);
+    separator = ", ";
+  }
   for (std::size_t i = 0; i < drawn.size(); ++i) {
     const std::size_t c = stacked ? drawn.size() - 1 - i : i;
-    out << (i == 0 ? "plot " : ", ") << "$c" << c << " using 1:2" << style(c) << " notitle";
+    out << separator << "$c" << c << " using 1:2" << style(c) << " notitle";
+    separator = ", ";
   }
   for (std::size_t c = 0; c < drawn.size(); ++c) {
     if (!drawn[c].name.empty()) out << ", keyentry" << style(c) << " title " << gnuplot_text(drawn[c].name);
@@ -157,7 +170,7 @@ std::string escaped(const std::string& text) {
 }
 
 // Leaves the drawing alone: no XML head, no addresses, the page's ink, identifiers of the chart's own.
-std::string fit_for_page(const std::string& svg, const std::string& title) {
+std::string fit_for_page(const std::string& svg, const std::string& title, const Range& x) {
   const std::size_t begin = svg.find("<svg"), head_end = svg.find('>', begin), end = svg.rfind("</svg>");
   if (begin == std::string::npos)
     throw EnvironmentError("gnuplot's chart is not SVG; expected gnuplot 5.2 or later");
@@ -186,8 +199,11 @@ std::string fit_for_page(const std::string& svg, const std::string& title) {
   const std::string label = escaped(title);
   std::string attribute = label;
   replace_all(attribute, "\"", "&quot;");
-  return "<svg viewBox=\"0 0 520 290\" role=\"img\" aria-label=\"" + attribute + "\"><title>" + label +
-         "</title>" + body + "</svg>";
+  const std::string place = "data-left=\"" + gnuplot_number(plot_left * 520) + "\" data-right=\"" +
+                            gnuplot_number(plot_right * 520) + "\" data-from=\"" + gnuplot_number(x.low) + "\" data-to=\"" +
+                            gnuplot_number(x.high) + "\"";
+  return "<svg viewBox=\"0 0 520 290\" " + place + " role=\"img\" aria-label=\"" + attribute + "\"><title>" +
+         label + "</title>" + body + "</svg>";
 }
 
 void check_curves(const Chart& chart) {
@@ -198,6 +214,11 @@ void check_curves(const Chart& chart) {
                        std::to_string(curve.x.size()) + " x and " + std::to_string(curve.y.size()) +
                        " y; give as many of both, and of all curves of a pile");
     }
+  }
+  for (const Band& band : chart.bands) {
+    if (band.x.size() != band.low.size() || band.x.size() != band.high.size())
+      throw InputError("the band '" + band.name + "' of the chart '" + chart.title +
+                       "' has edges of other length");
   }
 }
 
@@ -247,7 +268,15 @@ std::string chart_svg(const Chart& chart) {
            "</title><text x=\"260\" y=\"34\" text-anchor=\"middle\" fill=\"currentColor\" opacity=\"0.6\" "
            "font-family=\"sans-serif\" font-size=\"13\">nothing recorded</text></svg>";
   }
-  return fit_for_page(draw_with_gnuplot(script(chart, drawn, x, y)), chart.title);
+  for (const Band& band : chart.bands) {
+    for (const double value : band.low) y.take(value);
+    for (const double value : band.high) y.take(value);
+  }
+  if (x.low == x.high) {
+    x.low -= 0.5;
+    x.high += 0.5;
+  }
+  return fit_for_page(draw_with_gnuplot(script(chart, drawn, x, y)), chart.title, x);
 }
 
 }  // namespace sulcus

@@ -32,6 +32,7 @@ struct RunHeader {
   std::vector<std::string> tool_names;      // [tools]
   std::vector<std::string> motion_names;    // [motions]; with fractures, says which series there are
   std::vector<std::string> obstacle_names;  // [obstacles]
+  std::vector<std::string> stage_leaves;    // stage_leaf_names(), if the steps' stages are hashed too
   std::size_t plane_count = 0;              // not read back: series planes/... tell
   bool ledger = false;                      // whether there are series energy/..., likewise
   bool fractures = false;                   // not read back: a series fracture/... tells
@@ -99,6 +100,7 @@ struct RunData {
   std::vector<std::string> field_names;     // of the state
   std::vector<std::uint64_t> fingerprints;  // [steps+1], chain; entry n: after n steps
   std::vector<std::uint64_t> field_hashes;  // [(steps+1)*fields], step-major
+  std::vector<std::uint64_t> stage_hashes;  // [steps*stage_leaves], step-major (verify/step_tree.h)
   std::vector<SolverErrorSample> solver_errors;
   std::vector<Frame> frames;
   State final_state;
@@ -115,7 +117,8 @@ struct RunData {
 // What a step leaves in the series and in the fingerprint: a few kilobytes.
 struct StepRow {
   std::vector<double> numbers;  // of all series above but the device's and the session's, in their order
-  std::vector<std::uint64_t> hashes;  // one for each array of the state
+  std::vector<std::uint64_t> hashes;        // one for each array of the state
+  std::vector<std::uint64_t> stage_hashes;  // [header.stage_leaves]
 };
 // stage_s: [stage_count]. The memory of `row` is used again.
 void make_step_row(const RunHeader& header, const StepReport& report, const State& state,
@@ -137,9 +140,10 @@ class RunWriter {
 
   // One step that was done: the samples it was given [tools], its report, the state after it, and the
   // wall-clock seconds of its stages [stage_count] and of all of it (0 where not measured; never part of the
-  // fingerprint).
+  // fingerprint). stage_hashes: [header.stage_leaves].
   void write_step(std::span<const DeviceSample> samples, const StepReport& report, const State& state,
-                  std::span<const double> stage_s, double total_s);
+                  std::span<const double> stage_s, double total_s,
+                  std::span<const std::uint64_t> stage_hashes = {});
   // The same from what make_step_row made of it; with the times of the step in a session.
   void write_row(std::span<const DeviceSample> samples, const StepRow& row, const SessionStep& times = {});
   void write_frame(const State& state, double time_s, std::span<const double> stress_Pa = {});

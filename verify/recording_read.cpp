@@ -89,6 +89,11 @@ void read_fingerprints(Reader& file, RunData& run) {
   const auto fields = static_cast<std::int64_t>(run.field_names.size());
   run.fingerprints = file.array<std::uint64_t>("/fingerprint/chain", {run.steps + 1});
   run.field_hashes = file.array<std::uint64_t>("/fingerprint/fields", {run.steps + 1, fields});
+  if (file.exists("/fingerprint/stages")) {
+    run.header.stage_leaves = file.strings("/fingerprint/stage_names");
+    run.stage_hashes = file.array<std::uint64_t>(
+        "/fingerprint/stages", {run.steps, static_cast<std::int64_t>(run.header.stage_leaves.size())});
+  }
   std::uint64_t previous = 0;
   for (std::size_t n = 0; n < run.fingerprints.size(); ++n) {
     previous = chain_hash(

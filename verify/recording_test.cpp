@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 #include <cmath>
 
 #include "engine/numerics/error.h"
@@ -159,6 +161,14 @@ TEST(Recording, OfNoStepNoToolAndNoFrameIsReadable) {
   EXPECT_TRUE(run.samples.empty());
   EXPECT_TRUE(run.header.build.empty());
   EXPECT_TRUE(run.frames.empty());
+}
+
+// recording_elsewhere_test.py names the place and reads it.
+TEST(Recording, IsKeptForOtherReaders) {
+  const char* place = std::getenv("SULCUS_KEEP_RECORDING");
+  const std::filesystem::path path = place != nullptr ? place : test::scratch_dir() / "run.h5";
+  test::record_small_run(path);
+  EXPECT_EQ(read_run(path).steps, test::run_steps);
 }
 
 TEST(Recording, WriterRefusesAStateThatDoesNotFitTheMesh) {

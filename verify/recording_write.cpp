@@ -12,6 +12,7 @@
 #include "verify/recording.h"
 #include "verify/recording_fields.h"
 #include "verify/recording_session.h"
+#include "verify/recording_vtk.h"
 #include "verify/seal.h"
 
 namespace sulcus {
@@ -32,9 +33,10 @@ struct RunWriter::Impl {
   std::vector<hdf5::Column> series, device, times;
   std::vector<std::size_t> series_components;
   std::vector<std::vector<hdf5::Column>> ticks;  // [tools], of a session
-  std::vector<hdf5::Column> chain, fields, frames;
+  std::vector<hdf5::Column> chain, fields, stages, frames;
 
   StepRow row;  // of write_step
+  std::vector<double> frame_times_s;
   std::vector<SolverErrorSample> solver_errors;
   std::map<std::string, double> numbers;
   std::vector<std::string> warnings, event_texts;
@@ -90,7 +92,7 @@ void RunWriter::Impl::close() {
     }
     columns.clear();
   };
-  for (auto* columns : {&series, &device, &times, &chain, &fields, &frames}) close_all(*columns);
+  for (auto* columns : {&series, &device, &times, &chain, &fields, &stages, &frames}) close_all(*columns);
   for (auto& columns : ticks) close_all(columns);
   if (!file.close() && first.empty()) first = hdf5::innermost_error();
   if (!first.empty()) throw hdf5::Failure(first);
@@ -121,6 +123,8 @@ void RunWriter::Impl::write_header() {
   hdf5::write_array<double>(file, "/mesh/rest_positions_m", header.rest_positions, "m");
   hdf5::write_array<std::int32_t>(file, "/mesh/tets", header.tets);
   hdf5::write_strings(file, "/fingerprint/field_names", state_field_names());
+  if (!header.stage_leaves.empty())
+    hdf5::write_strings(file, "/fingerprint/stage_names", header.stage_leaves);
 }
 
 void RunWriter::Impl::write_hashes(std::span<const std::uint64_t> hashes) {
@@ -185,6 +189,11 @@ RunWriter::RunWriter(std::filesystem::path path, const RunHeader& header, const 
     run.fields.push_back(Column::create<std::uint64_t>(run.file, "/fingerprint/fields",
                                                        static_cast<std::int64_t>(state_field_names().size()),
                                                        rows_per_chunk));
+    if (!header.stage_leaves.empty()) {
+      run.stages.push_back(Column::create<std::uint64_t>(
+          run.file, "/fingerprint/stages", static_cast<std::int64_t>(header.stage_leaves.size()),
+          rows_per_chunk));
+    }
     const auto add_frames = [&](Column column) { run.frames.push_back(std::move(column)); };
     add_frames(Column::create<std::int64_t>(run.file, "/frames/step", -1, 1));
     add_frames(Column::create<double>(run.file, "/frames/time_s", -1, 1, "s"));
@@ -224,11 +233,13 @@ void make_step_row(const RunHeader& header, const StepReport& report, const Stat
 }
 
 void RunWriter::write_step(std::span<const DeviceSample> samples, const StepReport& report,
-                           const State& state, std::span<const double> stage_s, double total_s) {
+                           const State& state, std::span<const double> stage_s, double total_s,
+                           std::span<const std::uint64_t> stage_hashes) {
   Impl& run = *impl_;
   assert(report.tools.size() == samples.size());
   check_state_sizes(state, run.header, run.path.string());
   make_step_row(run.header, report, state, stage_s, total_s, run.row);
+  run.row.stage_hashes.assign(stage_hashes.begin(), stage_hashes.end());
   write_row(samples, run.row);
 }
 
@@ -257,6 +268,9 @@ void RunWriter::write_row(std::span<const DeviceSample> samples, const StepRow& 
       run.times[2].append(&times.published_s);
     }
     run.write_hashes(row.hashes);
+    if (row.stage_hashes.size() != run.header.stage_leaves.size())
+      throw hdf5::Failure("a step has other hashes of its stages than the header says");
+    for (hdf5::Column& leaves : run.stages) leaves.append(row.stage_hashes.data());
     ++run.steps;
   });
 }
@@ -285,6 +299,7 @@ void RunWriter::write_frame(const State& state, double time_s, std::span<const d
                           state.alive.data(),
                           stress_Pa.empty() ? unknown.data() : stress_Pa.data()};
     for (std::size_t i = 0; i < run.frames.size(); ++i) run.frames[i].append(rows[i]);
+    run.frame_times_s.push_back(time_s);
   });
 }
 
@@ -329,6 +344,8 @@ void RunWriter::Impl::write_end(const State& final_state) {
     hdf5::write_array(file, "/final_state/" + std::string(name), array);
   });
   hdf5::write_attribute(file, "steps", steps);
+  for (hdf5::Column& column : frames) column.flush();
+  if (!frame_times_s.empty() && header.tet_count() > 0) write_vtk_group(file, header, frame_times_s);
 }
 
 void RunWriter::finish(const State& final_state) {

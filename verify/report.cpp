@@ -94,21 +94,24 @@ std::string facts(const RunData& run, const RunSummary& summary) {
 
 std::string pictures(const RunReportInput& input) {
   if (input.pictures.empty()) return "";
-  std::string html = "<h3>What happened</h3>\n<div class=\"pictures\">";
+  std::string html = "<h3>What happened</h3>\n" + report::slider(*input.run) + "<div class=\"pictures\">";
   for (const ReportPicture& picture : input.pictures) {
     const std::string caption = escape_html(picture.caption);
-    html += "<figure><img alt=\"" + caption + "\" width=\"" + std::to_string(picture.image.width) +
-            "\" height=\"" + std::to_string(picture.image.height) + "\" src=\"data:image/png;base64," +
-            report::base64(encode_png(picture.image)) + "\"><figcaption>" + caption +
-            "</figcaption></figure>\n";
+    const std::string time =
+        std::isfinite(picture.time_s) ? " data-time=\"" + std::to_string(picture.time_s) + "\"" : "";
+    html += "<figure" + time + "><img alt=\"" + caption + "\" width=\"" +
+            std::to_string(picture.image.width) + "\" height=\"" + std::to_string(picture.image.height) +
+            "\" src=\"data:image/png;base64," + report::base64(encode_png(picture.image)) +
+            "\"><figcaption>" + caption + "</figcaption></figure>\n";
   }
   return html + "</div>\n";
 }
 
 std::string charts(const RunReportInput& input) {
-  const auto list = report::charts_of(*input.run, input.checks);
+  const auto list = report::charts_of(*input.run, input.checks, input.golden);
   if (list.empty()) return "";
-  std::string html = "<h3>Over time</h3>\n<div class=\"charts\">";
+  std::string html = "<h3>Over time</h3>\n" + (input.pictures.empty() ? report::slider(*input.run) : "") +
+                     "<div class=\"charts\">";
   for (const auto& [caption, chart] : list) {
     html += "<figure><figcaption>" + escape_html(chart.title) + "<small>" + escape_html(caption) +
             "</small></figcaption>" + chart_svg(chart) + "</figure>\n";
@@ -222,9 +225,9 @@ std::string run_section(const RunReportInput& input, std::size_t number) {
          escape_html(name_of(input)) + "</h2>" +
          (input.description.empty() ? "" : "<p>" + escape_html(input.description) + "</p>") + "</header>\n" +
          run_verdict(input) + facts(run, summarise(run)) + pictures(input) + charts(input) +
-         report::session_section(run) +
-         check_table(input.checks) + list_of("Warnings", run.warnings) + list_of("Events", events) +
-         mesh_table(run) + reproduce(input.reproduce) + provenance(run) + "</section>\n";
+         report::fingerprint_section(run) + report::session_section(run) + check_table(input.checks) +
+         list_of("Warnings", run.warnings) + list_of("Events", events) + mesh_table(run) +
+         reproduce(input.reproduce) + provenance(run) + "</section>\n";
 }
 
 // For several runs: one verdict over all, and a list that leads to each.
@@ -260,7 +263,7 @@ std::string report_html(const std::vector<RunReportInput>& runs) {
       "<h1>Sulcus · report of a " + std::string(runs.size() == 1 ? "run" : "set of runs") + "</h1>\n";
   if (runs.size() > 1) body += overview(runs);
   for (std::size_t r = 0; r < runs.size(); ++r) body += run_section(runs[r], r + 1);
-  return report::page(subject + (good ? ": holds" : ": fails"), body);
+  return report::page(subject + (good ? ": holds" : ": fails"), body + report::slider_script);
 }
 
 void write_report(const std::vector<RunReportInput>& runs, const std::filesystem::path& path) {

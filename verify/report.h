@@ -1,13 +1,16 @@
 // The report: one HTML file that says first whether the run holds, then shows why. Everything is inside
-// (pictures as base64 PNG, charts as inline SVG); no network, no script; light and dark; from a phone's width
-// upwards.
+// (pictures as base64 PNG, charts as inline SVG); no network; light and dark; from a phone's width upwards.
+// All can be read without JavaScript, which only adds a slider that moves pictures and the charts' cursors
+// together.
 #pragma once
 
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "verify/golden_bands.h"
 #include "verify/png.h"
 #include "verify/recording.h"
 #include "verify/statements.h"
@@ -17,6 +20,7 @@ namespace sulcus {
 struct ReportPicture {
   std::string caption;  // "before", "open", ...; also the text for those who cannot see it
   Image image;
+  double time_s = std::numeric_limits<double>::quiet_NaN();  // s, of the run; NaN: not said
 };
 
 struct RunReportInput {
@@ -25,6 +29,7 @@ struct RunReportInput {
   const RunData* run = nullptr;         // required
   std::vector<Check> checks;            // the verdict: all of them hold
   std::vector<ReportPicture> pictures;  // in order of time
+  std::vector<GoldenBand> golden;       // the golden run's values; empty: not compared
   std::string reproduce;                // the one command line that gives this run again
 };
 

@@ -120,9 +120,63 @@ Chart chart(const std::string& title, const std::string& y_label, ChartKind kind
   return out;
 }
 
+const GoldenBand* band_of(std::span<const GoldenBand> golden, const std::string& series) {
+  for (const GoldenBand& band : golden) {
+    if (band.series == series) return &band;
+  }
+  return nullptr;
+}
+
+double size_at(const std::vector<double>& values, std::size_t entry, std::size_t components) {
+  double sum = 0;
+  for (std::size_t c = 0; c < components; ++c)
+    sum += values[entry * components + c] * values[entry * components + c];
+  return components == 1 ? values[entry] : std::sqrt(sum);
+}
+
+// The golden values of a series with their tolerance, times `factor`; of vectors the length.
+void add_band(const RunData& run, std::span<const GoldenBand> golden, const std::string& series,
+              const std::string& name, double factor, Chart& chart) {
+  const GoldenBand* of = band_of(golden, series);
+  const std::vector<double> time = times(run);
+  if (of == nullptr) return;
+  Band band{name, {}, {}, {}};
+  for (std::size_t k = 0; k < of->steps.size(); ++k) {
+    const auto step = static_cast<std::size_t>(of->steps[k]);
+    if (step >= time.size()) return;
+    const double value = size_at(of->values, k, of->components);
+    band.x.push_back(time[step]);
+    band.low.push_back(factor * (value - of->tolerance));
+    band.high.push_back(factor * (value + of->tolerance));
+  }
+  chart.bands.push_back(std::move(band));
+}
+
+// How far a series is from the golden one, in its tolerances.
+Curve distance_of(const RunData& run, std::span<const GoldenBand> golden, const std::string& series,
+                  const std::string& name) {
+  Curve curve{name, {}, {}};
+  const GoldenBand* of = band_of(golden, series);
+  const Series* now = run.find(series);
+  const std::vector<double> time = times(run);
+  if (of == nullptr || now == nullptr || !(of->tolerance > 0)) return curve;
+  for (std::size_t k = 0; k < of->steps.size(); ++k) {
+    const auto step = static_cast<std::size_t>(of->steps[k]);
+    if (step >= time.size() || now->values.size() != time.size() * of->components) return {name, {}, {}};
+    double largest = 0;
+    for (std::size_t c = 0; c < of->components; ++c)
+      largest = std::max(
+          largest, std::abs(now->values[step * of->components + c] - of->values[k * of->components + c]));
+    curve.x.push_back(time[step]);
+    curve.y.push_back(largest / of->tolerance);
+  }
+  return curve;
+}
+
 }  // namespace
 
-std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks) {
+std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks,
+                                      std::span<const GoldenBand> golden) {
   Charts out(checks);
   Chart force = chart("Force", "force [N]"), depth = chart("Penetration", "deepest contact [mm]");
   const std::size_t tools = run.header.tool_names.size();
@@ -131,6 +185,8 @@ std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check>
                       name = tools > 1 ? run.header.tool_names[t] + ": " : "";
     force.curves.push_back(curve_of(run, of + "contact_force_N", name + "tissue on tool", 1));
     force.curves.push_back(curve_of(run, of + "displayed_force_N", name + "shown to the hand", 1));
+    add_band(run, golden, of + "displayed_force_N", name + "golden", 1, force);
+    add_band(run, golden, of + "max_penetration_m", name + "golden", 1e3, depth);
     depth.curves.push_back(
         curve_of(run, of + "max_penetration_m", tools > 1 ? run.header.tool_names[t] : "", 1e3));
   }
@@ -194,7 +250,21 @@ std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check>
   Chart energy = chart("Energy of the tissue", "energy [mJ]");
   energy.curves = {curve_of(run, "tissue/elastic_energy_J", "elastic", 1e3),
                    curve_of(run, "tissue/kinetic_energy_J", "kinetic", 1e3)};
+  add_band(run, golden, "tissue/elastic_energy_J", "golden", 1e3, energy);
   out.add("Elastic energy at the start, kinetic energy at the end of each step.", energy);
+
+  Chart distance = chart("Distance from the golden run", "difference / tolerance");
+  for (std::size_t t = 0; t < tools; ++t) {
+    const std::string of = "tools/" + std::to_string(t) + "/",
+                      name = tools > 1 ? run.header.tool_names[t] + ": " : "";
+    distance.curves.push_back(distance_of(run, golden, of + "displayed_force_N", name + "force"));
+    distance.curves.push_back(distance_of(run, golden, of + "max_penetration_m", name + "penetration"));
+  }
+  distance.curves.push_back(distance_of(run, golden, "tissue/elastic_energy_J", "elastic energy"));
+  distance.has_bound = true;
+  distance.bound = 1;
+  out.add("Largest difference of a component in tolerances, which are measured; 1 is the most allowed.",
+          distance);
 
   if (tools == 0) {
     Chart moved = chart("Displacement", "largest displacement [mm]");

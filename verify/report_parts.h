@@ -22,7 +22,18 @@ struct CaptionedChart {
 
 // The charts of a run, those without recorded data left out. Bounds of checks are drawn where they are in
 // sight.
-std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks);
+std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check> checks,
+                                      std::span<const GoldenBand> golden);
+
+// The fingerprints of all steps as a picture: a row for each stage, a column for each step (or for some), the
+// colour made of the hash; pale where a stage leaves what it left the step before.
+Image fingerprint_strip(const RunData& run);
+const std::vector<std::string>& fingerprint_strip_rows();
+std::string fingerprint_section(const RunData& run);
+
+// The slider of a run that has pictures or charts, and the script that all sliders share.
+std::string slider(const RunData& run);
+extern const char* const slider_script;
 
 // What a session in real time says about time; "" for a run that is none.
 std::string session_section(const RunData& run);

@@ -47,6 +47,14 @@ figcaption { padding: 10px 14px; font-weight: 600; } figcaption small { display:
   color: var(--pale); }
 .charts figure { display: flex; flex-direction: column; justify-content: space-between; }
 .charts figcaption { padding-bottom: 0; } figure svg { display: block; width: 100%; height: auto; padding: 6px 8px; }
+.slider { display: none; position: sticky; top: 0; z-index: 2; background: var(--paper); padding: 8px 0; gap: 14px;
+  align-items: center; margin-bottom: 8px; } .live .slider { display: flex; }
+.slider input { flex: 1; min-width: 0; } .slider output { min-width: 13ch; font-variant-numeric: tabular-nums; }
+.live .pictures.timed figure[data-time] { display: none; } .live .pictures.timed figure.now { display: block; }
+.strip { display: grid; grid-template-columns: auto 1fr; gap: 0 10px; background: var(--card); border: 1px solid
+  var(--line); border-radius: 12px; padding: 12px 14px; }
+.strip ol { list-style: none; margin: 0; padding: 0; font-size: 12px; line-height: 20px; color: var(--pale); }
+.strip img { width: 100%; height: 120px; image-rendering: pixelated; display: block; }
 table { width: 100%; border-collapse: collapse; background: var(--card); border: 1px solid var(--line);
   border-radius: 12px; overflow: hidden; }
 th, td { text-align: left; padding: 8px 12px; border-top: 1px solid var(--line); vertical-align: top;

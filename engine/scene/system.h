@@ -1,4 +1,5 @@
-// The linear system of one step, and the memory that it is made in. Private to this room.
+// The linear system of one step, and the memory that it is made in. Private to this room, and for those who hash what the
+// stages of a step leave (verify/step_tree.h, test_probe.cpp).
 #pragma once
 
 #include <memory>

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -209,6 +210,19 @@ TEST(House, NoFileIsLongerThanAReaderCanHold) {
       EXPECT_LE(lines, 700) << entry.path();
     }
   }
+}
+
+TEST(House, GoldenDataStaySmall) {
+  std::uintmax_t all = 0;
+  for (const auto& scenario : fs::directory_iterator(source / "golden")) {
+    if (!scenario.is_directory()) continue;
+    std::uintmax_t bytes = 0;
+    for (const auto& file : fs::directory_iterator(scenario.path())) bytes += file.file_size();
+    EXPECT_LE(bytes, 300'000u) << scenario.path();
+    all += bytes;
+  }
+  EXPECT_GT(all, 0u);
+  EXPECT_LE(all, 10'000'000u);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 // that is wrong leaves as InputError (exit code 2), surroundings that failed as EnvironmentError (3).
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -15,6 +16,7 @@ struct RunOptions {
   int threads = 0;                     // 0: as many as the machine has
   bool force = false;                  // replace an earlier run in `out`
   bool pictures = true;
+  std::uint64_t start_shift_seed = 0;  // not 0: every coordinate starts one ulp aside, up or down at random
 };
 int run_command(const RunOptions& options);
 
@@ -51,6 +53,8 @@ int summary_command(const std::filesystem::path& run, const std::filesystem::pat
 struct ReplayOptions {
   std::filesystem::path recording;  // run.h5
   int threads = 0;
+  std::filesystem::path lockstep;  // another build of this program, to run beside; empty: none
+  bool serve = false;              // is that other one
 };
 int replay_command(const ReplayOptions& options);
 
@@ -103,6 +107,13 @@ struct ReportOptions {
 };
 int report_command(const ReportOptions& options);
 
+struct MovieOptions {
+  std::filesystem::path run;              // folder of a run, or run.h5
+  std::filesystem::path out = "run.mp4";  // or .gif
+  bool stress = false;                    // colours by the largest principal stress
+};
+int movie_command(const MovieOptions& options);
+
 struct MeshOptions {
   std::filesystem::path label_map, pairs, out;
   double size_mm = 10;
@@ -122,10 +133,18 @@ struct ExportOptions {
 };
 int export_volume_command(const ExportOptions& options);
 
-struct GoldenOptions {
-  std::filesystem::path run, golden;
+struct DiffOptions {
+  std::filesystem::path a, b;  // folders of runs, or run.h5
+  int threads = 0;
 };
-int golden_command(const GoldenOptions& options);
+int diff_command(const DiffOptions& options);
+
+struct BlessOptions {
+  std::string scenario, why;
+  std::filesystem::path golden;  // folder of golden outputs, in a clone of the repository
+  int threads = 0;
+};
+int bless_command(const BlessOptions& options);
 
 struct SuiteOptions {
   std::string filter;  // regular expression that a part of the name fits; empty: all
@@ -136,6 +155,14 @@ struct SuiteOptions {
   bool force = false;               // replace what is in `out`
 };
 int suite_command(const SuiteOptions& options);
+
+struct FuzzOptions {
+  double seconds = 60;                 // s, after which no further seed is begun
+  std::uint64_t seed = 1;              // the first; the others follow
+  std::int64_t seeds = 0;              // at most; 0: as many as there is time for
+  std::filesystem::path out = "fuzz";  // for the scenarios that fail
+};
+int fuzz_command(const FuzzOptions& options);
 
 int list_command(const std::filesystem::path& directory);
 

@@ -119,7 +119,20 @@ int command_line(int argc, char** argv) {
   replay_app->add_option("RECORDING", replay.recording, "run.h5")->required();
   replay_app->add_option("--threads", replay.threads, "threads of the engine (default: all)")
       ->check(CLI::Range(1, 256));
+  replay_app->add_option("--lockstep", replay.lockstep,
+                         "another build of sulcus: runs beside this one, until a number differs");
+  replay_app->add_flag("--serve-lockstep", replay.serve)->group("");  // what the other one is told
   replay_app->callback([&] { code = sulcus::replay_command(replay); });
+
+  sulcus::DiffOptions diff;
+  auto* diff_app =
+      app.add_subcommand("diff", "finds where two recordings part: step, stage, field, index, both values");
+  diff_app->footer("Example: sulcus diff /tmp/before /tmp/after");
+  diff_app->add_option("A", diff.a, "folder of a run, or run.h5")->required();
+  diff_app->add_option("B", diff.b, "folder of a run, or run.h5")->required();
+  diff_app->add_option("--threads", diff.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  diff_app->callback([&] { code = sulcus::diff_command(diff); });
 
   const auto add_phantom = [](CLI::App* to, sulcus::PhantomOptions& phantom) {
     to->add_option("--library", phantom.library, "file of the Phantom's libHD (default: searched)");
@@ -200,6 +213,14 @@ int command_line(int argc, char** argv) {
   report_app->add_option("--golden", report.golden, "folder of golden outputs");
   report_app->callback([&] { code = sulcus::report_command(report); });
 
+  sulcus::MovieOptions movie;
+  auto* movie_app = app.add_subcommand("movie", "makes a film of a run's frames, by ffmpeg");
+  movie_app->footer("Example: sulcus movie /tmp/run/run.h5 --out run.mp4");
+  movie_app->add_option("RUN", movie.run, "folder of a run, or run.h5")->required();
+  movie_app->add_option("--out", movie.out, "film, .mp4 or .gif")->capture_default_str();
+  movie_app->add_flag("--stress", movie.stress, "colours by the largest principal stress");
+  movie_app->callback([&] { code = sulcus::movie_command(movie); });
+
   sulcus::MeshOptions mesh;
   auto* mesh_app = app.add_subcommand("mesh", "meshes a label map, for a look in ParaView");
   mesh_app->footer("Example: sulcus mesh brain.nii.gz --size-mm 10 --pairs pairs.txt --out mesh.vtu");
@@ -236,12 +257,18 @@ int command_line(int argc, char** argv) {
   export_app->add_option("--fill", exported.fill, "value of gaps and folds")->capture_default_str();
   export_app->callback([&] { code = sulcus::export_volume_command(exported); });
 
-  sulcus::GoldenOptions golden;
-  auto* golden_app = app.add_subcommand("golden", "makes a run the golden one of its scenario");
-  golden_app->footer("Example: sulcus golden /tmp/run --out golden");
-  golden_app->add_option("DIR", golden.run, "folder of the run")->required();
-  golden_app->add_option("--out", golden.golden, "folder of golden outputs")->required();
-  golden_app->callback([&] { code = sulcus::golden_command(golden); });
+  sulcus::BlessOptions bless;
+  bless.golden = SULCUS_GOLDEN_DIR;
+  auto* bless_app = app.add_subcommand(
+      "bless", "makes what a scenario gives now its golden output, with measured tolerances and a reason");
+  bless_app->footer("Example: sulcus bless cylinder_retraction --why 'the contact stiffness was wrong'");
+  bless_app->add_option("SCENARIO", bless.scenario, "JSON file, or a name that `sulcus list` shows")
+      ->required();
+  bless_app->add_option("--why", bless.why, "the reason, for those who review it")->required();
+  bless_app->add_option("--golden", bless.golden, "folder of golden outputs")->capture_default_str();
+  bless_app->add_option("--threads", bless.threads, "threads of the engine (default: all)")
+      ->check(CLI::Range(1, 256));
+  bless_app->callback([&] { code = sulcus::bless_command(bless); });
 
   sulcus::SuiteOptions suite;
   suite.scenarios = SULCUS_SCENARIO_DIR;
@@ -258,6 +285,18 @@ int command_line(int argc, char** argv) {
       ->capture_default_str();
   suite_app->add_flag("--force", suite.force, "replaces earlier results in the folder");
   suite_app->callback([&] { code = sulcus::suite_command(suite); });
+
+  sulcus::FuzzOptions fuzz;
+  auto* fuzz_app = app.add_subcommand("fuzz", "runs random scenarios; statements judge them");
+  fuzz_app->footer("Example: sulcus fuzz --seconds 60 --seed 1000 --out /tmp/fuzz");
+  fuzz_app->add_option("--seconds", fuzz.seconds, "after which no further seed is begun")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  fuzz_app->add_option("--seed", fuzz.seed, "the first seed")->capture_default_str();
+  fuzz_app->add_option("--seeds", fuzz.seeds, "how many at most (default: as many as there is time for)")
+      ->check(CLI::PositiveNumber);
+  fuzz_app->add_option("--out", fuzz.out, "folder for the scenarios that fail")->capture_default_str();
+  fuzz_app->callback([&] { code = sulcus::fuzz_command(fuzz); });
 
   std::string scenarios = SULCUS_SCENARIO_DIR;
   auto* list_app = app.add_subcommand("list", "shows the scenarios");

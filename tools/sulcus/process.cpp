@@ -21,10 +21,19 @@ fs::path own_program() {
   return program;
 }
 
-int run_program(const std::vector<std::string>& arguments, const fs::path& log) {
+namespace {
+
+std::vector<char*> pointers(const std::vector<std::string>& arguments) {
   std::vector<char*> argv;
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
+  return argv;
+}
+
+}  // namespace
+
+int run_program(const std::vector<std::string>& arguments, const fs::path& log) {
+  const std::vector<char*> argv = pointers(arguments);
   std::vector<char*> environment;
   char passive[] = "OMP_WAIT_POLICY=passive";
   for (char** entry = environ; *entry != nullptr; ++entry) {
@@ -51,6 +60,39 @@ int run_program(const std::vector<std::string>& arguments, const fs::path& log) 
     if (errno != EINTR) throw EnvironmentError(arguments[0] + ": was lost (" + std::strerror(errno) + ")");
   }
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+PipedProgram::PipedProgram(const std::vector<std::string>& arguments) {
+  int in[2], out[2];
+  if (pipe2(in, O_CLOEXEC) != 0)
+    throw EnvironmentError(std::string("no pipe can be made: ") + std::strerror(errno));
+  if (pipe2(out, O_CLOEXEC) != 0) {
+    ::close(in[0]);
+    ::close(in[1]);
+    throw EnvironmentError(std::string("no pipe can be made: ") + std::strerror(errno));
+  }
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, in[0], 0);
+  posix_spawn_file_actions_adddup2(&actions, out[1], 1);
+  const std::vector<char*> argv = pointers(arguments);
+  const int error = posix_spawnp(&child_, argv[0], &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  ::close(in[0]);
+  ::close(out[1]);
+  to_ = fdopen(in[1], "w");
+  from_ = fdopen(out[0], "r");
+  if (error == 0) return;
+  std::fclose(to_);
+  std::fclose(from_);
+  throw EnvironmentError(arguments[0] + ": cannot be started (" + std::strerror(error) + "); give a program");
+}
+
+PipedProgram::~PipedProgram() {
+  std::fclose(to_);
+  std::fclose(from_);
+  while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+  }
 }
 
 std::string last_line(const fs::path& file) {

@@ -1,14 +1,16 @@
 #include <cmath>
 #include <cstdio>
+#include <random>
 
 #include "engine/numerics/error.h"
 #include "engine/scene/precision_error.h"
 #include "engine/scene/pieces.h"
 #include "tools/sulcus/commands.h"
-#include "tools/sulcus/servo_replay.h"
+#include "tools/sulcus/shots.h"
 #include "tools/sulcus/support.h"
 #include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"
+#include "verify/step_tree.h"
 #include "verify/summary.h"
 
 namespace sulcus {
@@ -76,6 +78,24 @@ void print_warnings(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
 }
 
+// The clock, and the hashes, which take time that is none of the step's.
+struct Observers : StageObserver {
+  Observers(StageClock& the_clock, StepTree& the_tree) : clock(the_clock), tree(the_tree) {}
+  void stage_done(Stage stage) override {
+    clock.stage_done(stage);
+    tree.stage_done(stage);
+    clock.go_on();
+  }
+  StageClock& clock;
+  StepTree& tree;
+};
+
+// Every coordinate one ulp up or down, at random.
+void shift_by_an_ulp(std::uint64_t seed, State& state) {
+  std::mt19937_64 random(seed);
+  for (double& x : state.positions) x = std::nextafter(x, random() & 1 ? HUGE_VAL : -HUGE_VAL);
+}
+
 // Frames of the state at the moments of the pictures.
 class ShotCollector {
  public:
@@ -118,16 +138,22 @@ int run_command(const RunOptions& options) {
   const double h = scenario.scene.step_s;
   bool device_failed = !hands.read(0, notes);
   State state = initial_state(scene, hands.samples());
+  if (options.start_shift_seed != 0) shift_by_an_ulp(options.start_shift_seed, state);
   RunHeader header = recording_header(scenario, scene, options.overrides, threads);
+  header.stage_leaves = stage_leaf_names();
   RunWriter writer(options.out / "run.h5", header, state);
   for (const std::string& warning : warnings) writer.add_warning(warning);
   for (const std::string& note : notes) writer.add_event(0, note);
+  if (options.start_shift_seed != 0)
+    writer.add_event(0, "every coordinate was moved by one ulp at the start");
   for (const auto& [name, value] : topology_numbers(scene)) writer.set_number(name, value);
 
   WorkspacePtr workspace = make_workspace(scene, threads);
   StepReport report = make_report(scene);
   ShotCollector shots(scenario);
   StageClock clock;
+  StepTree tree(*workspace);
+  Observers observers(clock, tree);
   shots.look(state);
   writer.write_frame(state, 0);
   const std::int64_t steps = scenario.steps();
@@ -148,9 +174,10 @@ int run_command(const RunOptions& options) {
         writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
         precision_error = std::fmax(precision_error, measure_precision_error(scene, samples, state, threads));
       }
+      tree.begin(samples);
       clock.start();
-      step(scene, samples, state, report, *workspace, &clock);
-      writer.write_step(samples, report, state, clock.seconds(), clock.total());
+      step(scene, samples, state, report, *workspace, &observers);
+      writer.write_step(samples, report, state, clock.seconds(), clock.total(), tree.hashes());
       for (std::size_t t = 0; t < samples.size(); ++t) {
         if (report.tools[t].contacts > 0) last_touch[t] = n;
         hands.write(
@@ -194,77 +221,6 @@ int run_command(const RunOptions& options) {
   if (device_failed) {
     throw EnvironmentError(scenario.name + ": a device failed after " + std::to_string(run.steps) +
                            " steps; what came before is recorded in " + (options.out / "run.h5").string());
-  }
-  return 0;
-}
-
-int replay_command(const ReplayOptions& options) {
-  const RunData run = read_run(options.recording);
-  if (run.numbers.contains("static/balance")) {
-    throw InputError(options.recording.string() +
-                     ": it holds a place of rest, which no steps lead to; run `sulcus static` again instead");
-  }
-  const Scenario scenario = load_scenario_text(run.header.scenario_json, options.recording.string(), ".");
-  const Scene scene = make_scene(scenario);
-  const int threads = threads_or_all(options.threads);
-  const auto tools = static_cast<std::size_t>(run.header.tool_count());
-  const std::size_t fields = run.field_names.size();
-
-  if (scene.settings.tools.size() != tools || scene.node_count() != run.header.node_count()) {
-    throw InputError(
-        options.recording.string() +
-        ": the scenario in it gives another mesh or other tools than the recording has; was its label map "
-        "changed?");
-  }
-  // the tools start where the recorded run's did: the first frame is the state before the first step
-  if (run.frames.empty() || run.frames.front().step != 0) {
-    throw InputError(options.recording.string() +
-                     ": it holds no frame of the start, so it cannot be run again");
-  }
-  std::vector<DeviceSample> start(tools);
-  for (std::size_t t = 0; t < tools; ++t) {
-    const double* pose = &run.frames.front().tool_poses[7 * t];
-    start[t].position = {pose[0], pose[1], pose[2]};
-    start[t].orientation = {pose[3], pose[4], pose[5], pose[6]};
-  }
-  State state = initial_state(scene, start);
-  WorkspacePtr workspace = make_workspace(scene, threads);
-  StepReport report = make_report(scene);
-  std::vector<std::uint64_t> hashes(fields);
-  const auto compare = [&](std::int64_t n) {
-    hash_state(state, hashes);
-    std::string differing;
-    for (std::size_t f = 0; f < fields; ++f) {
-      if (hashes[f] != run.field_hashes[static_cast<std::size_t>(n) * fields + f]) {
-        differing += (differing.empty() ? "" : ", ") + run.field_names[f];
-      }
-    }
-    if (differing.empty()) return true;
-    std::printf("DIFFERS after %lld of %lld steps, first in: %s\n", static_cast<long long>(n),
-                static_cast<long long>(run.steps), differing.c_str());
-    return false;
-  };
-  if (!compare(0)) return 1;
-  ServoReplay servo(scene, run);
-  Progress progress(run.header.scenario_name + ": replay", run.steps);
-  for (std::int64_t n = 0; n < run.steps; ++n) {
-    const std::span<const DeviceSample> samples(run.samples.data() + static_cast<std::size_t>(n) * tools,
-                                                tools);
-    step(scene, samples, state, report, *workspace);
-    if (!compare(n + 1)) return 1;
-    servo.after_step(state);
-    progress.at(n + 1);
-  }
-  const ServoReplay::Outcome ticks = servo.compare();
-  if (!ticks.difference.empty()) {
-    std::printf("DIFFERS in what the servo rendered, first: %s\n", ticks.difference.c_str());
-    return 1;
-  }
-  std::printf("SAME  %s: %lld steps, fingerprint %s\n", run.header.scenario_name.c_str(),
-              static_cast<long long>(run.steps), hex16(run.fingerprint()).c_str());
-  if (run.session) {
-    std::printf("SAME  %lld ticks of the servo; %lld more stand behind a gap and were not compared\n",
-                static_cast<long long>(ticks.ticks), static_cast<long long>(ticks.skipped));
   }
   return 0;
 }

@@ -73,7 +73,7 @@ TEST(KilledSession, IsRecoveredAndRunsAgain) {
       continue;
     }
     ++recovered;
-    ASSERT_EQ(replay_command({folder / "out/run.h5", 1}), 0);
+    ASSERT_EQ(replay_command({folder / "out/run.h5", 1, {}, false}), 0);
     const RunData run = read_run(folder / "out/run.h5");
     most_steps = std::max(most_steps, run.steps);
     most_ticks = std::max(most_ticks, static_cast<std::int64_t>(run.session->ticks[0].size()));

@@ -43,6 +43,15 @@ std::string fingerprint_of(const fs::path& run) {
   return at == std::string::npos ? "" : text.substr(at + 16, 16);
 }
 
+// The tiny scenario with a rest at its end, so that all its statements can hold.
+std::string resting_tiny() {
+  std::string tiny = test::tiny_scenario;
+  const std::string last = "{\"time_s\": 0.6, \"position_mm\": [0, 0, 27]}";
+  tiny.replace(tiny.find(last), last.size(),
+               "{\"time_s\": 0.5, \"position_mm\": [0, 0, 27]}, {\"time_s\": 0.6, \"path\": \"hold\"}");
+  return tiny;
+}
+
 class Command : public testing::Test {
  protected:
   void SetUp() override {
@@ -102,28 +111,81 @@ TEST_F(Command, TissueThatTearsAllAtOnceIsExplained) {
   EXPECT_TRUE(contains(read(folder / "report.html"), "Torn elements"));
 }
 
-TEST_F(Command, ReplayNamesTheFirstDifference) {
-  ASSERT_EQ(
-      command("run cylinder_retraction --no-pictures --set /time/duration_s=3.3 --out " + out("run")).code,
-      0);
-  // the hand a nanometre aside at one step: as if the engine had changed there
-  const std::string path = out("run/run.h5");
-  {
-    const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
-    const hid_t data = H5Dopen(file, "/device/0/position_m", H5P_DEFAULT);
-    ASSERT_GE(data, 0);
-    std::vector<double> positions(300);
-    ASSERT_GE(H5Dread(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
-    positions[3 * 70] += 1e-9;
-    ASSERT_GE(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
-    H5Dclose(data);
-    H5Fclose(file);
-  }
+// Moves the hand of a recording by a nanometre at one step, as if the engine had changed there.
+void move_hand(const std::string& path, std::size_t steps, std::size_t step) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t data = H5Dopen(file, "/device/0/position_m", H5P_DEFAULT);
+  ASSERT_GE(data, 0);
+  std::vector<double> positions(3 * steps);
+  ASSERT_GE(H5Dread(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
+  positions[3 * step] += 1e-9;
+  ASSERT_GE(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, positions.data()), 0);
+  H5Dclose(data);
+  H5Fclose(file);
   seal_recording(path);
+}
+
+TEST_F(Command, ReplayNamesTheFirstDifference) {
+  std::ofstream(folder / "tiny.json") << test::tiny_scenario;
+  ASSERT_EQ(command("run " + out("tiny.json") + " --no-pictures --out " + out("run")).code, 0);
+  const std::string path = out("run/run.h5");
+  move_hand(path, 60, 40);
   const Result replay = command("replay " + path);
   EXPECT_EQ(replay.code, 1) << replay.output;
-  EXPECT_TRUE(contains(replay.output, "DIFFERS after 71 of 100 steps")) << replay.output;
+  EXPECT_TRUE(
+      contains(replay.output, "DIFFERS after 41 of 60 steps, first in stage sample, field device; then"))
+      << replay.output;
   EXPECT_TRUE(contains(replay.output, "tool_poses")) << replay.output;
+}
+
+TEST_F(Command, DiffNamesStepStageFieldIndexValuesAndUlps) {
+  std::ofstream(folder / "tiny.json") << test::tiny_scenario;
+  const std::string run = "run " + out("tiny.json") + " --no-pictures --out ";
+  ASSERT_EQ(command(run + out("a")).code, 0);
+  ASSERT_EQ(command(run + out("b") + " --threads 1").code, 0);
+  const Result same = command("diff " + out("a") + " " + out("b/run.h5"));
+  EXPECT_EQ(same.code, 0) << same.output;
+  EXPECT_TRUE(contains(same.output, "SAME  60 steps")) << same.output;
+
+  ASSERT_EQ(command(run + out("c") + " --set /tissue/default/youngs_modulus_Pa=1234.5").code, 0);
+  const Result other = command("diff " + out("a") + " " + out("c"));
+  EXPECT_EQ(other.code, 1) << other.output;
+  EXPECT_TRUE(contains(other.output, "DIFFERS after 1 of 60 steps, first in stage assembly, field "))
+      << other.output;
+  EXPECT_TRUE(contains(other.output, " against ")) << other.output;
+  EXPECT_TRUE(contains(other.output, " ulps apart; ")) << other.output;
+  EXPECT_TRUE(contains(other.output, "tools/0/contact_force_N")) << other.output;
+
+  move_hand(out("b/run.h5"), 60, 40);
+  const Result strange = command("diff " + out("a") + " " + out("b"));
+  EXPECT_EQ(strange.code, 0) << "the samples themselves are not compared: " << strange.output;
+}
+
+TEST_F(Command, LockstepFindsTheFirstDifferenceOfTwoBuilds) {
+  std::ofstream(folder / "tiny.json") << test::tiny_scenario;
+  ASSERT_EQ(command("run " + out("tiny.json") + " --no-pictures --out " + out("run")).code, 0);
+  const std::string path = out("run/run.h5"), moved = out("moved.h5");
+  const Result same = command("replay " + path + " --threads 1 --lockstep " + SULCUS_COMMAND);
+  EXPECT_EQ(same.code, 0) << same.output;
+  EXPECT_TRUE(contains(same.output, "SAME  tiny: 60 steps of both builds")) << same.output;
+
+  // another build is played by one that is given another recording
+  fs::copy_file(path, moved);
+  move_hand(moved, 60, 40);
+  std::ofstream(folder / "other") << "#!/bin/sh\nshift 2\nexec '" << SULCUS_COMMAND << "' replay '" << moved
+                                  << "' \"$@\"\n";
+  fs::permissions(folder / "other", fs::perms::owner_all);
+  const Result differs = command("replay " + path + " --threads 1 --lockstep " + out("other"));
+  EXPECT_EQ(differs.code, 1) << differs.output;
+  EXPECT_TRUE(contains(differs.output, "DIFFERS after 41 of 60 steps, first in stage sample, field device"))
+      << differs.output;
+  EXPECT_TRUE(contains(differs.output, "index 0: ")) << differs.output;
+  EXPECT_TRUE(contains(differs.output, " ulps apart")) << differs.output;
+
+  const Result nonsense = command("replay " + path + " --lockstep /bin/true");
+  EXPECT_EQ(nonsense.code, 2) << nonsense.output;
+  EXPECT_TRUE(contains(nonsense.output, "does not speak lockstep")) << nonsense.output;
+  EXPECT_EQ(command("replay " + path + " --lockstep /no/such/program").code, 3);
 }
 
 TEST_F(Command, AShorterRunIsNotTheGoldenOne) {
@@ -172,10 +234,7 @@ TEST_F(Command, MeshIsAVtkFileWithThePiecesApart) {
 
 TEST_F(Command, TheSuiteNamesWhatFailsAndGoesOn) {
   fs::create_directories(folder / "scenarios");
-  std::string tiny = test::tiny_scenario;
-  const std::string last = "{\"time_s\": 0.6, \"position_mm\": [0, 0, 27]}";
-  tiny.replace(tiny.find(last), last.size(),
-               "{\"time_s\": 0.5, \"position_mm\": [0, 0, 27]}, {\"time_s\": 0.6, \"path\": \"hold\"}");
+  const std::string tiny = resting_tiny();
   std::ofstream(folder / "scenarios" / "tiny.json") << tiny;
   std::string soft = tiny;
   soft.replace(soft.find("\"tiny\""), 6, "\"soft\"");
@@ -208,10 +267,84 @@ TEST_F(Command, TheSuiteNamesWhatFailsAndGoesOn) {
   EXPECT_TRUE(contains(command(arguments + " --force").output, "both are called \"tiny\""));
 }
 
+TEST_F(Command, AMovieHasEveryFrame) {
+  // ffmpeg is played by a script that counts what it is given
+  fs::create_directories(folder / "bin");
+  std::ofstream(folder / "bin" / "ffmpeg") << "#!/bin/sh\n[ \"$1\" = -version ] && exit 0\n"
+                                              "while [ \"$1\" != -i ]; do shift; done\n"
+                                              "frames=$(ls \"$(dirname \"$2\")\" | grep -c png)\n"
+                                              "for last; do :; done\necho \"$frames frames\" > \"$last\"\n";
+  fs::permissions(folder / "bin" / "ffmpeg", fs::perms::owner_all);
+  ASSERT_EQ(command("run circle_in_ring --set /time/duration_s=0.1 --set /pictures/width=120 "
+                    "--set /pictures/height=90 --set /record/frame_every_steps=2 --set "
+                    "/pictures/shots/1/time_s=0.1 --out " +
+                    out("run"))
+                .code,
+            0);
+  const std::size_t frames = read_run(folder / "run" / "run.h5").frames.size();
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", (out("bin") + ":" + path).c_str(), 1);
+  const Result film = command("movie " + out("run") + " --out " + out("film.mp4"));
+  const Result strange = command("movie " + out("run") + " --out " + out("film.avi"));
+  setenv("PATH", "/nowhere", 1);
+  const Result missing = command("movie " + out("run") + " --out " + out("other.gif"));
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_EQ(film.code, 0) << film.output;
+  EXPECT_EQ(read(folder / "film.mp4"), std::to_string(frames) + " frames\n");
+  EXPECT_GT(frames, 1u);
+  EXPECT_EQ(strange.code, 2) << strange.output;
+  EXPECT_EQ(missing.code, 3) << missing.output;
+  EXPECT_TRUE(contains(missing.output, "install it")) << missing.output;
+}
+
+// ---- golden outputs
+
+TEST_F(Command, AGoldenChangesWithAReasonAndFromACleanTreeOnly) {
+  const std::string tiny = out("repository/tiny.json");
+  fs::create_directories(folder / "repository" / "golden");
+  std::ofstream(tiny) << test::tiny_scenario;
+  const auto git = [&](const std::string& arguments) {
+    return std::system(("git -C '" + out("repository") + "' -c user.name=a -c user.email=b " + arguments +
+                        " > /dev/null 2>&1")
+                           .c_str());
+  };
+  const std::string bless = "bless " + tiny + " --golden " + out("repository/golden");
+  ASSERT_EQ(git("init"), 0);
+  EXPECT_TRUE(contains(command(bless + " --why new").output, "tiny.json")) << "not committed yet";
+  ASSERT_EQ(git("add ."), 0);
+  ASSERT_EQ(git("commit -m tiny"), 0);
+  EXPECT_EQ(command(bless).code, 2);
+  const Result no_reason = command(bless + " --why ' '");
+  EXPECT_EQ(no_reason.code, 2);
+  EXPECT_TRUE(contains(no_reason.output, "reason")) << no_reason.output;
+  // a run that breaks a statement (device and tool never rest) is no golden
+  EXPECT_EQ(command(bless + " --why new").code, 1);
+  EXPECT_FALSE(fs::exists(folder / "repository/golden/tiny/golden.json"));
+
+  std::ofstream(tiny) << resting_tiny();
+  EXPECT_EQ(command(bless + " --why new").code, 2) << "changed, not committed";
+  ASSERT_EQ(git("commit -am rests"), 0);
+  const Result good = command(bless + " --why 'a new scenario'");
+  EXPECT_EQ(good.code, 0) << good.output;
+  const std::string golden = read(folder / "repository/golden/tiny/golden.json");
+  EXPECT_TRUE(contains(golden, "start moved by one ulp, double precision, solver tolerance / 10"));
+  EXPECT_FALSE(contains(golden, "not measured"));
+  EXPECT_TRUE(contains(read(folder / "repository/golden/tiny/provenance.json"), "a new scenario"));
+
+  ASSERT_EQ(command("run " + tiny + " --out " + out("run")).code, 0);
+  const std::string verify = "verify " + out("run") + " --golden " + out("repository/golden");
+  EXPECT_EQ(command(verify).code, 0) << command(verify).output;
+  std::ofstream(folder / "repository/golden/tiny/golden.json") << golden << " ";
+  const Result touched = command(verify);
+  EXPECT_EQ(touched.code, 1);
+  EXPECT_TRUE(contains(touched.output, "changed without a reason: golden.json")) << touched.output;
+}
+
 // ---- help
 
 TEST_F(Command, EveryCommandHasHelpWithAnExample) {
-  for (const char* name : {"run", "verify", "replay", "report", "mesh", "golden", "list", "summary", "suite"}) {
+  for (const char* name : {"run", "verify", "replay", "report", "mesh", "bless", "list", "summary", "suite",
+                           "diff", "fuzz", "movie"}) {
     const Result help = command(std::string(name) + " --help");
     EXPECT_EQ(help.code, 0) << name;
     EXPECT_TRUE(contains(help.output, std::string("Example: sulcus ") + name)) << help.output;

@@ -14,6 +14,7 @@
 #include "tools/sulcus/git_version.h"
 #include "verify/fingerprint.h"
 #include "verify/golden.h"
+#include "verify/golden_provenance.h"
 #include "verify/measures.h"
 #include "verify/picture_diff.h"
 #include "verify/png.h"
@@ -233,6 +234,7 @@ std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const 
     const fs::path folder = golden_folder(golden, run.header.scenario_name);
     for (Check& check : compare_golden(run, folder)) checks.push_back(std::move(check));
     check_pictures(run_dir, folder, scenario.golden, checks);
+    checks.push_back(check_provenance(folder));
   }
   return checks;
 }

@@ -48,13 +48,6 @@ std::filesystem::path golden_folder(const std::filesystem::path& golden, const s
 std::vector<std::filesystem::path> picture_files(const std::filesystem::path& run_dir);
 inline constexpr int golden_picture_factor = 3;
 
-struct ShotFrame {
-  Shot shot;
-  State state;
-};
-void render_shots(const Scenario& scenario, const Scene& scene, const std::vector<ShotFrame>& frames,
-                  const std::filesystem::path& directory);
-
 // Shows on standard error how far a long job is, from two seconds on, once a second.
 class Progress {
  public:
@@ -81,6 +74,7 @@ class StageClock : public StageObserver {
     seconds_[static_cast<std::size_t>(stage)] += std::chrono::duration<double>(now - last_).count();
     last_ = now;
   }
+  void go_on() { last_ = std::chrono::steady_clock::now(); }  // what happened since the stage is not counted
   const std::array<double, stage_count>& seconds() const { return seconds_; }
   double total() const {
     double sum = 0;

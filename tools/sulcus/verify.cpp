@@ -1,11 +1,10 @@
+#include <cmath>
 #include <cstdio>
 
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/support.h"
 #include "verify/fingerprint.h"
-#include "verify/golden.h"
 #include "verify/junit.h"
-#include "verify/picture_diff.h"
 #include "verify/png.h"
 #include "verify/report.h"
 #include "verify/summary.h"
@@ -72,10 +71,16 @@ int report_command(const ReportOptions& options) {
     input.description = scenario.description;
     input.run = &run;
     input.checks = check_run(run, dir, options.golden);
+    if (!options.golden.empty())
+      input.golden = golden_bands(golden_folder(options.golden, run.header.scenario_name));
     for (const fs::path& file : picture_files(dir)) {
       std::string caption = file.stem().string().substr(3);
       for (char& c : caption) c = c == '_' ? ' ' : c;
-      input.pictures.push_back({caption, read_png(file)});
+      double time_s = std::nan("");
+      for (const Shot& shot : scenario.pictures.shots) {
+        if (shot.name == file.stem().string().substr(3)) time_s = shot.time_s;
+      }
+      input.pictures.push_back({caption, read_png(file), time_s});
     }
     input.reproduce = "sulcus run " + scenario.name + " --out DIR";
     if (run.session) input.reproduce = "sulcus replay " + (dir / "run.h5").string();
@@ -85,28 +90,6 @@ int report_command(const ReportOptions& options) {
   }
   write_report(inputs, options.out);
   std::printf("%s\n", fs::absolute(options.out).lexically_normal().c_str());
-  return 0;
-}
-
-int golden_command(const GoldenOptions& options) {
-  const RunData run = read_run(options.run / "run.h5");
-  const std::vector<Check> statements = check_run(run, options.run, {});
-  if (!all_passed(statements)) {
-    for (const Check& check : statements) {
-      if (!check.passed) std::printf("%s\n", check_line(check).c_str());
-    }
-    std::printf("no golden written: a run that breaks a statement is no golden\n");
-    return 1;
-  }
-  const fs::path folder = options.golden / run.header.scenario_name;
-  write_golden(run, folder);
-  // two pictures: the first, and the one in the middle, where most is to be seen
-  const std::vector<fs::path> pictures = picture_files(options.run);
-  for (std::size_t p : {std::size_t{0}, pictures.size() / 2}) {
-    if (p >= pictures.size()) continue;
-    write_png(shrunk(read_png(pictures[p]), golden_picture_factor), folder / pictures[p].filename());
-  }
-  std::printf("%s\n", folder.c_str());
   return 0;
 }
 
