@@ -124,6 +124,10 @@ void check(const SceneDescription& d, std::int64_t nodes) {
           "fracture");
     }
   }
+  for (const NodeForce& load : d.forces) {
+    check_node(load.node);
+    if (!load.force_N.allFinite()) throw InputError("scene: a force on a node is not finite");
+  }
   for (const NodeSpring& spring : d.springs) {
     check_node(spring.node);
     check_not_negative("a spring's stiffness (N/m)", spring.stiffness_N_m);

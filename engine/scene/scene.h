@@ -28,6 +28,12 @@ struct NodeSpring {
   double damping_N_s_m = 0;  // N s/m, >= 0
 };
 
+// A force that does not depend on where the node is.
+struct NodeForce {
+  std::int32_t node = 0;
+  Vec3 force_N = Vec3::Zero();  // N, world
+};
+
 // A node that keeps its coordinate along one of the world's axes, and is free along the others.
 struct SlidingNode {
   std::int32_t node = 0;
@@ -83,6 +89,7 @@ struct SceneDescription {
   Vec3 gravity = Vec3::Zero();            // m/s^2
   std::vector<std::int32_t> fixed_nodes;  // held at rest
   std::vector<NodeSpring> springs;        // to the rest position
+  std::vector<NodeForce> forces;          // on nodes; several on one node add up
   std::vector<SlidingNode> sliding;       // in planes; a node may be named for several axes
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;

@@ -82,6 +82,11 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
                workspace.forces[3 * n + d]);
     }
   }
+  for (const NodeForce& load : scene.settings.forces) {
+    const auto n = static_cast<std::size_t>(load.node);
+    for (std::size_t d = 0; d < 3; ++d)
+      workspace.forces[3 * n + d] += h * load.force_N[static_cast<Eigen::Index>(d)];
+  }
   for (const NodeSpring& spring : scene.settings.springs) {
     const auto n = static_cast<std::size_t>(spring.node);
     const double weight = h * (spring.damping_N_s_m + h * spring.stiffness_N_m);
@@ -244,8 +249,6 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   return numbers;
 }
 
-// Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
-// never moves them there; the rest of the block is inverted by itself.
 template <class Real>
 void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
   for (const SlidingNode& sliding : scene.settings.sliding) {
@@ -306,6 +309,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
 
 #define SULCUS_INSTANTIATE(Real)                                                                            \
   template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                       \
+  template void keep_in_planes<Real>(const Scene&, SystemMatrix<Real>&);                                    \
   template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,        \
                                                 Numbers<Real>&, Workspace&, StageObserver*, double, double, \
                                                 bool);

@@ -96,6 +96,11 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
                                double tolerance, double floor_m_s, bool again = false);
 
+// Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
+// never moves them there; the rest of the block is inverted by itself. After finish_rows.
+template <class Real>
+void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system);
+
 // Force [N] of a contact on the tissue at the end of the step, by the solution in the workspace.
 Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
                    const Workspace& workspace);
