@@ -67,6 +67,8 @@ void book_tissue(const Scene& scene, const State& state, Workspace& workspace, E
     sums.damping_loss_J += h * drag * velocity.squaredNorm();
     gravity_J += h * mass * scene.settings.gravity.dot(velocity);
   }
+  for (const NodeForce& load : scene.settings.forces)
+    gravity_J += h * load.force_N.dot(node_vector(state.velocities, load.node));
   add_work(gravity_J, sums.gravity_J, sums);
   add_work(workspace.path_work_J, sums.paths_J, sums);
   for (const NodeSpring& spring : scene.settings.springs) {

@@ -59,7 +59,7 @@ struct ObstacleReport {
 // Where the energy of a run is and went, J. What is stored is that of a moment; the rest are sums over all
 // steps before it.
 struct EnergyBalance {
-  double hand_J = 0, gravity_J = 0, paths_J = 0;  // work of the hands, of gravity, of nodes on paths
+  double hand_J = 0, gravity_J = 0, paths_J = 0;  // work of hands, gravity and loads, nodes on paths
   double put_in_J = 0;                            // the positive ones of these works, step by step
   double kinetic_J = 0, elastic_J = 0;            // stored in the tissue, incl. springs
   double tool_kinetic_J = 0, coupling_J = 0;      // stored in the tools and in their couplings' springs

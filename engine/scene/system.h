@@ -103,12 +103,6 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
 template <class Real>
 void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system);
 
-// Place of entry d of a node in a solver vector.
-inline std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size_t d) {
-  const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)]);
-  return (slot / 16 * 3 + d) * 16 + slot % 16;
-}
-
 // Force [N] of a contact on the tissue at the end of the step, by the solution in the workspace.
 Vec3 contact_force(const Scene& scene, const State& state, const Contact& contact,
                    const Workspace& workspace);
