@@ -35,6 +35,7 @@ std::vector<ScenarioSummary> chosen_scenarios(const SuiteOptions& options) {
     throw InputError("--filter " + options.filter + ": is no regular expression; give one such as '^brain_'");
   }
   std::vector<ScenarioSummary> chosen;
+  std::size_t left_out = 0;
   for (ScenarioSummary& scenario : list_scenarios(options.scenarios)) {
     if (!std::regex_search(name_of(scenario), filter)) continue;
     for (const ScenarioSummary& other : chosen) {
@@ -42,9 +43,14 @@ std::vector<ScenarioSummary> chosen_scenarios(const SuiteOptions& options) {
         throw InputError(other.path.string() + " and " + scenario.path.string() + ": both are called \"" +
                          name_of(scenario) + "\"; give one another name");
     }
+    if (!scenario.missing.empty()) {
+      std::printf("left out  %s: %s\n", name_of(scenario).c_str(), scenario.missing.c_str());
+      ++left_out;
+      continue;
+    }
     chosen.push_back(std::move(scenario));
   }
-  if (chosen.empty()) {
+  if (chosen.empty() && left_out == 0) {
     throw InputError("no scenario in " + options.scenarios.string() + " has a name that fits --filter '" +
                      options.filter + "'; see `sulcus list`");
   }
@@ -130,6 +136,7 @@ void print_entry(const SuiteEntry& entry, std::size_t done, std::size_t all) {
 int suite_command(const SuiteOptions& options) {
   const auto start = Clock::now();
   const std::vector<ScenarioSummary> scenarios = chosen_scenarios(options);
+  if (scenarios.empty()) return 0;  // all left out, which was said
   prepare_suite_folder(options.out, options.force);
   const int cores = threads_or_all(0);
   const int jobs = std::min(options.jobs > 0 ? options.jobs : cores, static_cast<int>(scenarios.size()));
