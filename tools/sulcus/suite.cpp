@@ -35,6 +35,7 @@ std::vector<ScenarioSummary> chosen_scenarios(const SuiteOptions& options) {
     throw InputError("--filter " + options.filter + ": is no regular expression; give one such as '^brain_'");
   }
   std::vector<ScenarioSummary> chosen;
+  std::size_t left_out = 0;
   for (ScenarioSummary& scenario : list_scenarios(options.scenarios)) {
     if (!std::regex_search(name_of(scenario), filter)) continue;
     for (const ScenarioSummary& other : chosen) {
@@ -42,22 +43,18 @@ std::vector<ScenarioSummary> chosen_scenarios(const SuiteOptions& options) {
         throw InputError(other.path.string() + " and " + scenario.path.string() + ": both are called \"" +
                          name_of(scenario) + "\"; give one another name");
     }
+    if (!scenario.missing.empty()) {
+      std::printf("left out  %s: %s\n", name_of(scenario).c_str(), scenario.missing.c_str());
+      ++left_out;
+      continue;
+    }
     chosen.push_back(std::move(scenario));
   }
-  if (chosen.empty()) {
+  if (chosen.empty() && left_out == 0) {
     throw InputError("no scenario in " + options.scenarios.string() + " has a name that fits --filter '" +
                      options.filter + "'; see `sulcus list`");
   }
   return chosen;
-}
-
-// Takes out the scenarios whose optional data are not here, and says so.
-void leave_out_missing(std::vector<ScenarioSummary>& scenarios) {
-  std::erase_if(scenarios, [](const ScenarioSummary& scenario) {
-    if (scenario.missing.empty()) return false;
-    std::printf("SKIP  %-28s %s\n", name_of(scenario).c_str(), scenario.missing.c_str());
-    return true;
-  });
 }
 
 void prepare_suite_folder(const fs::path& out, bool force) {
@@ -138,9 +135,8 @@ void print_entry(const SuiteEntry& entry, std::size_t done, std::size_t all) {
 
 int suite_command(const SuiteOptions& options) {
   const auto start = Clock::now();
-  std::vector<ScenarioSummary> scenarios = chosen_scenarios(options);
-  leave_out_missing(scenarios);
-  if (scenarios.empty()) return 0;
+  const std::vector<ScenarioSummary> scenarios = chosen_scenarios(options);
+  if (scenarios.empty()) return 0;  // all left out, which was said
   prepare_suite_folder(options.out, options.force);
   const int cores = threads_or_all(0);
   const int jobs = std::min(options.jobs > 0 ? options.jobs : cores, static_cast<int>(scenarios.size()));
