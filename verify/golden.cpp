@@ -126,7 +126,7 @@ Tolerance measured(double spread, double peak, std::span<const GoldenVariant> va
   std::ostringstream basis;
   basis << spread_factor << " x the largest difference (" << spread
         << ") to runs of other arithmetic: " << labels_of(variants);
-  return {std::max(spread_factor * spread, least_share * peak), basis.str()};
+  return {std::max(spread_factor * spread, least_tolerance_share * peak), basis.str()};
 }
 
 Tolerance unmeasured(double peak, bool count) {

@@ -27,14 +27,14 @@ struct GoldenVariant {
 };
 
 // Writes dir/golden.json (and dir). Tolerances: with variants, spread_factor times the largest difference
-// seen between them and the run, but at least least_share of the series' peak; without variants, those of the
+// seen between them and the run, but at least least_tolerance_share of the series' peak; without variants, those of the
 // golden that stood there before; else a default share of the peak whose basis says that it is not measured.
 // Counts that differ between variants are left out of "counts" and stand in "work" with their tolerance.
 // Throws InputError if the run holds a number that is not finite, has no step, or needs more than
 // golden_max_bytes; EnvironmentError if the place cannot be written to.
 inline constexpr double spread_factor =
     3;  // three variants are few: what they show is not the most there can be
-inline constexpr double least_share = 1e-9;  // of the peak: rounding alone
+inline constexpr double least_tolerance_share = 1e-9;  // of the peak: rounding alone
 void write_golden(const RunData& run, const std::filesystem::path& dir,
                   std::span<const GoldenVariant> variants = {});
 

@@ -5,6 +5,7 @@
 #include "engine/numerics/error.h"
 #include "engine/scene/statics.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/shots.h"
 #include "tools/sulcus/support.h"
 #include "verify/fingerprint.h"
 #include "verify/summary.h"
