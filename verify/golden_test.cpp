@@ -135,7 +135,7 @@ TEST_F(Golden, OtherTornElementsSayHowNearToItsThresholdOneStood) {
   margins.values[70] = 2e-6;
   run_.series["fracture/margin"] = margins;
   EXPECT_TRUE(failures().empty());
-  for (double& alive : run_.series.at("tissue/alive_tets").values) alive -= 1;
+  for (double& alive : run_.series.at("tissue/alive_tets").values) alive -= 10;
   EXPECT_SAYS(only_failure(), "2e-06 of it away, at step 70: a rounding may have decided");
   run_.series["fracture/margin"].values[70] = 0.05;
   EXPECT_SAYS(only_failure(), "0.05 of it away, at step 70: no rounding decides that");

@@ -216,7 +216,8 @@ void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescri
     }
     description.motions.push_back(std::move(motion));
   }
-  if (description.fixed_nodes.empty() && description.springs.empty() && description.motions.empty()) {
+  if (description.fixed_nodes.empty() && description.springs.empty() && description.motions.empty() &&
+      description.obstacles.empty()) {
     warnings.push_back("/boundary: nothing holds the tissue; it will float");
   }
 }
