@@ -175,13 +175,13 @@ bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& me
   double reach = reach_m2(description.material);
   for (const auto& [label, material] : description.materials) reach = std::fmax(reach, reach_m2(material));
   double edge = std::numeric_limits<double>::infinity();
-  int across = 0;  // cells along the longest side
+  int across = std::numeric_limits<int>::max();  // cells along the shortest side
   for (std::size_t a = 0; a < 3; ++a) {
     edge = std::fmin(edge, mesh.voxels_per_cell[a] * description.map.spacing[static_cast<Eigen::Index>(a)]);
-    across = std::max(across, mesh.grid_size[a]);
+    across = std::min(across, mesh.grid_size[a]);
   }
-  constexpr double cells = 5;
-  return std::sqrt(reach) > cells * edge && across > cells;
+  constexpr double cells = 10;
+  return std::sqrt(reach) > cells * edge && across > 1;
 }
 
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {

@@ -146,9 +146,9 @@ struct Scene {
 };
 
 // Whether multigrid will solve the scene's steps in less time than block-Jacobi; what Preconditioner::automatic
-// goes by. Block-Jacobi carries a disturbance one cell further in each iteration, and it has to go as far as
-// the step lets it: sqrt((beta h + h^2) (lambda + 2 mu) / rho) by the stiffest of the materials, or through
-// the whole mesh. Multigrid pays beyond some five cells (docs/decisions/0005).
+// goes by. A disturbance travels sqrt((beta h + h^2) (lambda + 2 mu) / rho) in a step, by the stiffest of the
+// materials, and block-Jacobi carries it one cell further in each iteration; multigrid pays where that is more
+// than ten cells and the mesh is no single layer (docs/decisions/0005).
 bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh);
 
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
