@@ -12,10 +12,13 @@ namespace sulcus {
 // position_key: "position_mm" of a tool, "shift_mm" of nodes, whose first way-point may leave it out.
 ScriptedTrajectory read_script(const nlohmann::json& waypoints, const char* position_key, double run_s,
                                const std::string& pointer, std::vector<std::string>& problems);
-void read_tools(const nlohmann::json& tools, Scenario& scenario, std::vector<std::string>& problems);
+// directory: where relative file names are looked up.
+void read_tools(const nlohmann::json& tools, const std::filesystem::path& directory, Scenario& scenario,
+                std::vector<std::string>& problems);
 void read_contact(const nlohmann::json& object, SceneDescription& scene);
 // After tools and contact: names are unique among both, the law of contact is that of the scene unless an
 // obstacle says otherwise.
-void read_obstacles(const nlohmann::json& list, Scenario& scenario, std::vector<std::string>& problems);
+void read_obstacles(const nlohmann::json& list, const std::filesystem::path& directory, Scenario& scenario,
+                    std::vector<std::string>& problems);
 
 }  // namespace sulcus
