@@ -58,6 +58,11 @@ std::size_t tool_named(const SessionOptions& options, const Scenario& scenario) 
   const auto& tools = scenario.scene.tools;
   if (tools.empty())
     throw InputError(options.scenario + ": has no tool, so there is nothing for a hand to move");
+  if (scenario.scene.contact.prescribed) {
+    throw InputError(options.scenario +
+                     ": /contact/response \"prescribed\" has no virtual coupling that a servo could render; use "
+                     "\"penalty\" in sessions");
+  }
   if (options.tool.empty()) return 0;
   std::string names;
   for (std::size_t t = 0; t < tools.size(); ++t) {
