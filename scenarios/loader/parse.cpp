@@ -458,9 +458,9 @@ Scenario parse_scenario(const json& document, const std::string& place,
   }
   read_time(document["time"], scenario, problems);
   read_boundary(part(document, "boundary"), scenario, problems);
-  read_tools(document.value("tools", json::array()), scenario, problems);
+  read_tools(document.value("tools", json::array()), directory, scenario, problems);
   read_contact(part(document, "contact"), scenario.scene);
-  read_obstacles(document.value("obstacles", json::array()), scenario, problems);
+  read_obstacles(document.value("obstacles", json::array()), directory, scenario, problems);
   if (document.contains("fracture")) read_fracture(document["fracture"], scenario, problems);
   read_solver(part(document, "solver"), scenario);
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);

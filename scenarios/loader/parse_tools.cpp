@@ -5,6 +5,7 @@
 #include <set>
 
 #include "scenarios/loader/devices.h"
+#include "scenarios/loader/mesh_files.h"
 #include "scenarios/loader/parse_json.h"
 #include "scenarios/loader/tools.h"
 
@@ -12,7 +13,13 @@ namespace sulcus {
 
 namespace {
 
-ToolSurface read_shape(const json& object) {
+ToolSurface read_shape(const json& object, const std::filesystem::path& directory, Scenario& scenario) {
+  if (object.contains("mesh")) {
+    const std::filesystem::path file = directory / object["mesh"]["file"].get<std::string>();
+    ToolSurface surface = read_surface(file, object["mesh"].value("unit_mm", 1.0) / 1000);
+    scenario.input_files.push_back(file);
+    return surface;
+  }
   if (object.contains("retractor")) {
     const json& retractor = object["retractor"];
     RetractorShape shape;
@@ -85,7 +92,8 @@ void read_law(const json& object, ContactLaw& law) {
 
 }  // namespace
 
-void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
+void read_tools(const json& tools, const std::filesystem::path& directory, Scenario& scenario,
+                Problems& problems) {
   std::set<std::string> names;
   for (const json& object : tools) {
     const std::string pointer = "/tools/" + std::to_string(scenario.scene.tools.size());
@@ -93,10 +101,22 @@ void read_tools(const json& tools, Scenario& scenario, Problems& problems) {
     read(object, "name", tool.name);
     if (!names.insert(tool.name).second)
       problems.push_back(pointer + "/name: \"" + tool.name + "\" is taken");
-    collect(problems, pointer + "/shape", [&] { tool.surface = read_shape(object["shape"]); });
+    collect(problems, pointer + "/shape",
+            [&] { tool.surface = read_shape(object["shape"], directory, scenario); });
     read(object, "mass_kg", tool.body.mass_kg);
     if (object.contains("inertia_kg_m2")) {
       read_inertia(object["inertia_kg_m2"], tool.body.inertia_kg_m2, pointer + "/inertia_kg_m2", problems);
+    }
+    if (object.contains("density_kg_m3")) {
+      if (object.contains("mass_kg") || object.contains("inertia_kg_m2"))
+        problems.push_back(pointer +
+                           "/density_kg_m3: mass_kg or inertia_kg_m2 is given too; give one or the other");
+      const SolidMoments moments = solid_moments(tool.surface);
+      const double density = object["density_kg_m3"].get<double>();
+      if (moments.volume_m3 > 0) {
+        tool.body.mass_kg = density * moments.volume_m3;
+        tool.body.inertia_kg_m2 = density * moments.inertia_m5;
+      }
     }
     const json& coupling = part(object, "coupling");
     read(coupling, "stiffness_N_m", tool.coupling.stiffness_N_m);
@@ -120,7 +140,8 @@ void read_contact(const json& object, SceneDescription& scene) {
                         : ContactDetection::embedded_vertices;
 }
 
-void read_obstacles(const json& list, Scenario& scenario, Problems& problems) {
+void read_obstacles(const json& list, const std::filesystem::path& directory, Scenario& scenario,
+                    Problems& problems) {
   std::set<std::string> names;
   for (const Tool& tool : scenario.scene.tools) names.insert(tool.name);
   for (const json& object : list) {
@@ -129,7 +150,8 @@ void read_obstacles(const json& list, Scenario& scenario, Problems& problems) {
     read(object, "name", obstacle.name);
     if (!names.insert(obstacle.name).second)
       problems.push_back(pointer + "/name: \"" + obstacle.name + "\" is taken");
-    collect(problems, pointer + "/shape", [&] { obstacle.surface = read_shape(object["shape"]); });
+    collect(problems, pointer + "/shape",
+            [&] { obstacle.surface = read_shape(object["shape"], directory, scenario); });
     read_mm(object, "position_mm", obstacle.position);
     Vec3 axis = Vec3::UnitZ();
     read(object, "axis", axis);
