@@ -171,6 +171,9 @@ int write(const char* path, int threads, int steps, Isa isa) {
   std::ofstream out(path, std::ios::binary);
   run(out, "pressed_single", pressed(Precision::single_precision), threads, steps, isa);
   run(out, "pressed_double", pressed(Precision::double_precision), threads, steps, isa);
+  SceneDescription on_levels = pressed(Precision::single_precision);
+  on_levels.solver.preconditioner = Preconditioner::multigrid;
+  run(out, "pressed_multigrid", on_levels, threads, steps, isa);
   run(out, "torn", torn(), threads, steps, isa);
   out.close();
   if (out) return 0;
