@@ -152,7 +152,7 @@ std::string fuzz_scenario(std::uint64_t seed) {
                          {"damping_N_s_m", dice.between(0, 0.2)},
                          {"anisotropy", dice.chance(0.5) ? 1 : 0},
                          {"tension_rule", true}};
-  if (dice.chance(0.25)) scenario["contact"]["detection"] = "surface_nodes";
+  if (scenario.contains("fracture") || dice.chance(0.25)) scenario["contact"]["detection"] = "surface_nodes";
   scenario["time"] = {{"step_s", step_s}, {"duration_s", end_s}};
   scenario["solver"] = {{"precision", dice.chance(0.7) ? "single" : "double"}, {"tolerance", 1e-3}};
   scenario["record"] = {{"frame_every_steps", 10}};
