@@ -1,4 +1,5 @@
 #include "verify/measures.h"
+#include "verify/series.h"
 
 #include <algorithm>
 #include <array>
@@ -28,19 +29,6 @@ Window window_of(const RunData& run, const Measure& measure) {
     if (time_s > measure.to_s + slack) window.end = n;
   }
   return window;
-}
-
-// A recorded series of the right size, or nullptr.
-const Series* series_of(const RunData& run, const std::string& name, int components) {
-  const Series* series = run.find(name);
-  const auto size = static_cast<std::size_t>(run.steps * components);
-  return series != nullptr && series->components == components && series->values.size() == size ? series
-                                                                                                : nullptr;
-}
-
-Vec3 vector_at(const Series& series, std::int64_t step) {
-  const double* v = &series.values[static_cast<std::size_t>(3 * step)];
-  return {v[0], v[1], v[2]};
 }
 
 Quaternion quaternion_at(const Series& series, std::int64_t step) {

@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 
+#include "verify/series.h"
 #include "verify/torn_statements.h"
 
 namespace sulcus {
@@ -35,19 +36,6 @@ std::string at_step(std::int64_t step) {
 
 std::string at_tool(const RunData& run, std::int64_t tool, std::int64_t step) {
   return at_step(step) + ", tool " + run.header.tool_names[static_cast<std::size_t>(tool)];
-}
-
-// A recorded series of the right size, or nullptr.
-const Series* series_of(const RunData& run, const std::string& name, int components) {
-  const Series* series = run.find(name);
-  const auto size = static_cast<std::size_t>(run.steps * components);
-  return series != nullptr && series->components == components && series->values.size() == size ? series
-                                                                                                : nullptr;
-}
-
-Vec3 vector_at(const Series& series, std::int64_t step) {
-  const double* v = &series.values[static_cast<std::size_t>(3 * step)];
-  return {v[0], v[1], v[2]};
 }
 
 double number_at(const Series& series, std::int64_t step) {
