@@ -126,7 +126,7 @@ TEST(System, IsSymmetricAndPositiveDefiniteInRandomConfigurations) {
       contact.slip -= contact.normal.dot(contact.slip) * contact.normal;
       workspace->contacts.push_back(contact);
     }
-    assemble_and_solve(scene, samples, state, *workspace->twice, *workspace, nullptr, 0.5, 0);
+    assemble_and_solve(scene, samples, state, *workspace->twice, *workspace, nullptr, {0.5, 0, 1000});
     const Dense a = whole_system(scene, *workspace);
     worst = std::fmax(worst, (a - a.transpose()).norm() / a.norm());
     // of the scaled matrix, so that kilograms beside kilogram square metres do not decide

@@ -150,7 +150,7 @@ std::string explain_failure(const Scene& scene, std::span<const DeviceSample> sa
   WorkspacePtr workspace = make_workspace(scene, 1);
   if (scene.fracture) update(scene, state.alive, workspace->view);
   const auto numbers = make_numbers<double>(scene, 1, widest_isa());
-  assemble_and_solve(scene, samples, copy, *numbers, *workspace, nullptr, 1e-3, 0);
+  assemble_and_solve(scene, samples, copy, *numbers, *workspace, nullptr, {1e-3, 0, 1000});
   const auto block = [&](std::size_t n, std::size_t i, std::size_t j) {
     const auto slot = static_cast<std::size_t>(scene.sparsity.slot_of_node[n]);
     return numbers->system.diagonal[slot / 16 * 144 + 16 * (3 * i + j) + slot % 16];

@@ -139,16 +139,21 @@ struct Scene {
     for (const Obstacle& obstacle : settings.obstacles) any = any || may(obstacle.contact);
     return any;
   }
+  bool only_drops_contacts() const {  // whether that is only for contacts that pull
+    bool other = settings.contact.prescribed || settings.contact.friction > 0;
+    for (const Obstacle& obstacle : settings.obstacles) other = other || obstacle.contact.friction > 0;
+    return solves_again() && !other;
+  }
   bool nodes_touch() const {  // whether contacts of nodes of the boundary are looked for
     return !tool_distances.empty() || !obstacle_distances.empty();
   }
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 
-// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what Preconditioner::automatic
-// goes by. A disturbance travels sqrt((beta h + h^2) (lambda + 2 mu) / rho) in a step, by the stiffest of the
-// materials, and block-Jacobi carries it one cell further in each iteration; multigrid pays where that is more
-// than ten cells and the mesh is no single layer (docs/decisions/0005).
+// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what
+// Preconditioner::automatic goes by. A disturbance travels sqrt((beta h + h^2) (lambda + 2 mu) / rho) in a
+// step, by the stiffest of the materials, and block-Jacobi carries it one cell further in each iteration;
+// multigrid pays where that is more than ten cells and the mesh is no single layer (docs/decisions/0005).
 bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh);
 
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a

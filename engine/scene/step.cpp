@@ -248,6 +248,47 @@ void take_samples(const Scene& scene, std::span<const DeviceSample> given, const
   }
 }
 
+// Solves, drops the contacts that pull, and solves again without them. A tenth of the residual tells nearly
+// all that pull, so a first solve pauses there to look. Returns false if the solver broke down.
+template <class Real>
+bool solve_for_contacts(const Scene& scene, std::span<const DeviceSample> samples, State& state,
+                        StepReport& report, Numbers<Real>& numbers, Workspace& workspace,
+                        StageObserver* observer) {
+  constexpr double telling_tolerance = 0.03;
+  constexpr int most_solves_again =
+      4;  // what still pulls then is smaller by orders: the report's min_push tells
+  const SolverSettings& settings = scene.settings.solver;
+  const bool leads = scene.settings.contact.prescribed;
+  const auto must_solve_again = [&] {
+    const bool released = leads && release_led(scene, workspace, report);
+    const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;
+    return correct_friction(scene, state, workspace) || dropped;
+  };
+  const Effort whole{settings.tolerance, settings.velocity_floor_m_s, settings.max_iterations};
+  Effort effort = whole;
+  if (scene.only_drops_contacts() && !workspace.contacts.empty())
+    effort.tolerance = std::fmax(telling_tolerance, whole.tolerance);
+  SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, effort);
+  report.iterations = result.iterations;
+  bool paused = effort.tolerance > whole.tolerance;
+  for (int again = 0;; paused = false) {
+    const bool anew = again < most_solves_again && scene.solves_again() && must_solve_again();
+    if (!anew && !paused) break;
+    effort = whole;
+    if (anew) {
+      ++again;
+      result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, effort, true);
+    } else {
+      effort.max_iterations -= result.iterations;
+      result = go_on_solving(scene, state, numbers, workspace, observer, effort);
+    }
+    report.iterations += result.iterations;
+  }
+  report.residual = result.residual;
+  report.converged = result.converged;
+  return !result.broken;
+}
+
 template <class Real>
 void step_in(const Scene& scene, std::span<const DeviceSample> given, State& state, StepReport& report,
              Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
@@ -266,24 +307,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> given, State& sta
   if (leads) lead_nodes(scene, samples, state, workspace);
   if (observer != nullptr) observer->stage_done(Stage::contacts);
 
-  const SolverSettings& settings = scene.settings.solver;
-  SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer,
-                                          settings.tolerance, settings.velocity_floor_m_s);
-  report.iterations = result.iterations;
-  const auto must_solve_again = [&] {
-    const bool released = leads && release_led(scene, workspace, report);
-    const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;
-    return correct_friction(scene, state, workspace) || dropped;
-  };
-  constexpr int most_solves_again =
-      4;  // what still pulls then is smaller by orders: the report's min_push tells
-  for (int again = 0; again < most_solves_again && scene.solves_again() && must_solve_again(); ++again) {
-    result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, settings.tolerance,
-                                settings.velocity_floor_m_s, true);
-    report.iterations += result.iterations;
-  }
-  report.residual = result.residual;
-  report.converged = result.converged;
+  const bool broken = !solve_for_contacts(scene, samples, state, report, numbers, workspace, observer);
 
   report_contacts(scene, state, workspace, report);
   if (leads) report_led(workspace, report);
@@ -292,7 +316,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> given, State& sta
     settle(report.elastic_energy_J, *report.energy);
     book_contacts(scene, state, workspace, *report.energy);
   }
-  report.finite = update_tissue(scene, workspace, state) && !result.broken;
+  report.finite = update_tissue(scene, workspace, state) && !broken;
   if (scene.settings.energies) report_kinetic_energy(scene, state, report);
   for (std::size_t t = 0; t < workspace.tools.size(); ++t) {
     const bool finite = leads ? lead_tool(scene, samples[t], t, workspace, state, report.tools[t])
@@ -392,7 +416,8 @@ std::vector<double> solve_step(const Scene& scene, std::span<const DeviceSample>
   find_contacts(scene, state, *workspace);
   if (scene.settings.contact.prescribed) lead_nodes(scene, samples, state, *workspace);
   const auto numbers = make_numbers<Real>(scene, threads, widest_isa());
-  assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr, tolerance, floor_m_s);
+  assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr,
+                     {tolerance, floor_m_s, scene.settings.solver.max_iterations});
   return workspace->increments;
 }
 

@@ -161,14 +161,13 @@ void sum_plane_forces(const Scene& scene, const SolverWorkspace<Real>& solver, W
 
 template <class Real>
 RowMatrix<Real> row_matrix(const Scene& scene, const Numbers<Real>& numbers) {
-  return {scene.sparsity.chunks,          scene.sparsity.chunk_start.data(), scene.sparsity.column.data(),
+  return {scene.sparsity.chunks,        scene.sparsity.chunk_start.data(), scene.sparsity.column.data(),
           numbers.system.values.data(), numbers.system.diagonal.data(),    numbers.system.inverse.data()};
 }
 
+// The solver's right-hand side, without the tools: b - B C^-1 c.
 template <class Real>
-SolveResult solve(const Scene& scene, const State& state, double tolerance, double floor_m_s,
-                  Numbers<Real>& numbers, Workspace& workspace) {
-  // eliminate the tools: b - B C^-1 c
+void eliminate_tools(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
   auto& solver = numbers.solver;
   const std::int64_t slots = scene.sparsity.chunks * 16;
 #pragma omp parallel for num_threads(workspace.threads) schedule(static)
@@ -196,13 +195,22 @@ SolveResult solve(const Scene& scene, const State& state, double tolerance, doub
       }
     }
   }
+}
 
-  if (!scene.settings.motions.empty()) prescribe(scene, state, solver);
-
+// Solves for the tissue and with it for the tools, or goes on if the solver is to.
+template <class Real>
+SolveResult solve(const Scene& scene, const State& state, const Effort& effort, Numbers<Real>& numbers,
+                  Workspace& workspace) {
+  auto& solver = numbers.solver;
+  const std::int64_t slots = scene.sparsity.chunks * 16;
+  if (solver.start != Start::pause) {
+    eliminate_tools(scene, numbers, workspace);
+    if (!scene.settings.motions.empty()) prescribe(scene, state, solver);
+  }
   const RowMatrix<Real> matrix = row_matrix(scene, numbers);
-  const double floor = floor_m_s * std::sqrt(scene.total_mass_kg);
-  const SolveResult result = conjugate_gradients(matrix, numbers.borders, tolerance, floor,
-                                                 scene.settings.solver.max_iterations, solver);
+  const double floor = effort.floor_m_s * std::sqrt(scene.total_mass_kg);
+  const SolveResult result =
+      conjugate_gradients(matrix, numbers.borders, effort.tolerance, floor, effort.max_iterations, solver);
   sum_motion_forces(scene, state, solver, workspace);
   sum_plane_forces(scene, solver, workspace);
 
@@ -294,7 +302,8 @@ void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
 
 // Makes the coarse levels follow the matrix.
 template <class Real>
-void set_up_levels(const Scene& scene, const State& state, const Workspace& workspace, Numbers<Real>& numbers) {
+void set_up_levels(const Scene& scene, const State& state, const Workspace& workspace,
+                   Numbers<Real>& numbers) {
   auto& levels = numbers.solver.levels;
   clear_contacts(levels);
   for (const Contact& contact : workspace.contacts) {
@@ -312,10 +321,19 @@ void set_up_levels(const Scene& scene, const State& state, const Workspace& work
 }
 
 template <class Real>
+SolveResult solve_and_tell(const Scene& scene, const State& state, const Effort& effort,
+                           Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer) {
+  const SolveResult result = solve(scene, state, effort, numbers, workspace);
+  if (scene.settings.contact.prescribed) read_led_forces(scene, numbers, workspace);
+  if (observer != nullptr) observer->stage_done(Stage::solve);
+  return result;
+}
+
+template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s, bool again) {
-  numbers.solver.use_guess = again;
+                               const Effort& effort, bool again) {
+  numbers.solver.start = again ? Start::guess : Start::rest;
   if (again) guess_last_solution(numbers.solver);
   if (again) {
     restore_tissue(scene, numbers, workspace);
@@ -336,18 +354,24 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   // a repeated solve keeps the levels: contacts that are gone only make the corrections there smaller
   if (scene.multigrid && !again) set_up_levels(scene, state, workspace, numbers);
   if (observer != nullptr) observer->stage_done(Stage::assembly);
-  const SolveResult result = solve(scene, state, tolerance, floor_m_s, numbers, workspace);
-  if (scene.settings.contact.prescribed) read_led_forces(scene, numbers, workspace);
-  if (observer != nullptr) observer->stage_done(Stage::solve);
-  return result;
+  return solve_and_tell(scene, state, effort, numbers, workspace, observer);
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                            \
-  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                       \
-  template void keep_in_planes<Real>(const Scene&, SystemMatrix<Real>&);                                    \
-  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,        \
-                                                Numbers<Real>&, Workspace&, StageObserver*, double, double, \
-                                                bool);
+template <class Real>
+SolveResult go_on_solving(const Scene& scene, const State& state, Numbers<Real>& numbers,
+                          Workspace& workspace, StageObserver* observer, const Effort& effort) {
+  numbers.solver.start = Start::pause;
+  return solve_and_tell(scene, state, effort, numbers, workspace, observer);
+}
+
+#define SULCUS_INSTANTIATE(Real)                                                                           \
+  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                      \
+  template void keep_in_planes<Real>(const Scene&, SystemMatrix<Real>&);                                   \
+  template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,       \
+                                                Numbers<Real>&, Workspace&, StageObserver*, const Effort&, \
+                                                bool);                                                     \
+  template SolveResult go_on_solving<Real>(const Scene&, const State&, Numbers<Real>&, Workspace&,         \
+                                           StageObserver*, const Effort&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)
 #undef SULCUS_INSTANTIATE

@@ -1,5 +1,5 @@
-// The linear system of one step, and the memory that it is made in. Private to this room, and for those who hash what the
-// stages of a step leave (verify/step_tree.h, test_probe.cpp).
+// The linear system of one step, and the memory that it is made in. Private to this room, and for those who
+// hash what the stages of a step leave (verify/step_tree.h, test_probe.cpp).
 #pragma once
 
 #include <memory>
@@ -89,14 +89,26 @@ inline std::span<const std::uint8_t> present(const Scene& scene, const State& st
   return scene.fracture ? std::span<const std::uint8_t>(state.alive) : std::span<const std::uint8_t>();
 }
 
+// How far to solve; as in SolverSettings.
+struct Effort {
+  double tolerance = 0, floor_m_s = 0;
+  int max_iterations = 0;
+};
+
 // Assembles the system of tissue, tools and workspace.contacts for the step after `state` (the rotations in
 // it are brought up to date) and solves it for workspace.increments and the tools' increments (equations.md
-// 4). tolerance and floor_m_s as in SolverSettings. again: the call before was for the same step, with
-// contacts that are dropped now; its tissue is taken over, and the search begins at its solution.
+// 4). again: the call before was for the same step, with contacts that are dropped now; its tissue is taken
+// over, and the search begins at its solution.
 template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
-                               double tolerance, double floor_m_s, bool again = false);
+                               const Effort& effort, bool again = false);
+
+// Takes the solution of the call before, of the same system, further, as if that had gone on. Returns the
+// iterations of this call.
+template <class Real>
+SolveResult go_on_solving(const Scene& scene, const State& state, Numbers<Real>& numbers,
+                          Workspace& workspace, StageObserver* observer, const Effort& effort);
 
 // Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
 // never moves them there; the rest of the block is inverted by itself. After finish_rows.

@@ -119,10 +119,6 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
     const Range own_chunks{own.first * chunks_per_block, own.last * chunks_per_block};
     const std::int64_t first = own_chunks.first * 48;
     const std::int64_t last = std::min(own_chunks.last, matrix.chunks) * 48;
-    for (std::int64_t i = first; i < last; ++i) {
-      x[i] = p[i] = q[i] = Real(0);
-      r[i] = workspace.b[static_cast<std::size_t>(i)];
-    }
     // x += alpha p, r -= alpha q, and what the preconditioner makes of r; returns r . z when all have
     const auto advance = [&](Real alpha) {
       kernels.advance(matrix, alpha, p, q, x, r, z, workspace.rz.data(), own.first, own.last);
@@ -148,7 +144,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       }
       barrier.wait();
     };
-    double rz = advance(Real(0));
+    double rz = workspace.rz_at_end, start = workspace.size_of_start;
     // q = A p for p as `direct` left it; returns p . A p
     const auto multiply = [&] {
       std::array<double, 6> y;
@@ -167,10 +163,17 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       multiply();
       rz = advance(Real(1));
     };
-    if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
-    const double start = std::sqrt(rz);
-    if (workspace.use_guess) add_to_start(workspace.guess.data());
-    direct(Real(0));
+    if (workspace.start != Start::pause) {
+      for (std::int64_t i = first; i < last; ++i) {
+        x[i] = p[i] = q[i] = Real(0);
+        r[i] = workspace.b[static_cast<std::size_t>(i)];
+      }
+      rz = advance(Real(0));
+      if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
+      start = std::sqrt(rz);
+      if (workspace.start == Start::guess) add_to_start(workspace.guess.data());
+      direct(Real(0));
+    }
 
     const double goal = std::fmax(tolerance * start, floor);
     int iteration = 0;
@@ -191,7 +194,10 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       direct(static_cast<Real>(rz_new / rz));
       rz = rz_new;
     }
+    barrier.wait();  // all have read where a pause began
     if (thread == 0) {
+      workspace.size_of_start = start;
+      workspace.rz_at_end = rz;
       result.iterations = iteration;
       result.residual = start > 0 ? std::sqrt(rz) / start : 0;
       result.converged = !broken && std::sqrt(rz) <= goal;

@@ -38,15 +38,20 @@ struct ToolBorder {
   std::array<double, 36> inverse{};  // C^-1, row major
 };
 
+// Where a solve begins. rest: at x = 0. guess: at SolverWorkspace::guess. pause: where the call before ended,
+// as if that had gone on; matrix, borders and right-hand side must be those of that call.
+enum class Start { rest, guess, pause };
+
 template <class Real>
 struct SolverWorkspace {
   AlignedVector<Real> b, x, r, z, p, q;  // solver vectors, 48 entries a chunk
   AlignedVector<Real> packed;            // p once more, four numbers a slot
   // Start of x. `prescribed` (empty, or as b): what x shall be at held nodes, zero elsewhere. `guess` (empty,
-  // or as b): where the search begins at free nodes, zero at held ones; used if use_guess.
+  // or as b): where the search begins at free nodes, zero at held ones; used if `start` says so.
   AlignedVector<Real> prescribed, guess;
-  bool use_guess = false;
-  std::vector<double> pq, rz;  // one sum a block
+  Start start = Start::rest;
+  double size_of_start = 0, rz_at_end = 0;  // |b|, and r . z as the last call left it: for a pause
+  std::vector<double> pq, rz;               // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;
   // The preconditioner is the multigrid if it has levels (then `levels` must be set up for the matrix), else

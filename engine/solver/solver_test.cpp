@@ -178,6 +178,24 @@ TEST(ConjugateGradients, TheCapIsReported) {
   EXPECT_FALSE(result.converged);
 }
 
+TEST(ConjugateGradients, GoOnAfterAPauseAsIfThereHadBeenNone) {
+  for (int threads : {1, 2}) {
+    Problem<float> straight(true, widest_isa(), threads), paused(true, widest_isa(), threads);
+    const SolveResult whole =
+        conjugate_gradients(straight.matrix, straight.borders, 1e-5, 0.0, 500, straight.workspace);
+    const SolveResult first =
+        conjugate_gradients(paused.matrix, paused.borders, 1e-1, 0.0, 500, paused.workspace);
+    paused.workspace.start = Start::pause;
+    const SolveResult rest =
+        conjugate_gradients(paused.matrix, paused.borders, 1e-5, 0.0, 500, paused.workspace);
+    EXPECT_GT(first.iterations, 0);
+    EXPECT_GT(rest.iterations, 0);
+    EXPECT_EQ(first.iterations + rest.iterations, whole.iterations);
+    EXPECT_EQ(rest.residual, whole.residual);
+    EXPECT_EQ(paused.workspace.x, straight.workspace.x);
+  }
+}
+
 TEST(ConjugateGradients, NothingToDoIsConvergedAtOnce) {
   Problem<double> problem(false);
   std::fill(problem.workspace.b.begin(), problem.workspace.b.end(), 0.0);
