@@ -29,6 +29,9 @@ ElementTiles find_tiles(const Sparsity& sparsity, std::int64_t elements) {
     const std::int64_t first = tile_of(sparsity.edge_start[static_cast<std::size_t>(e)]);
     while (next > first) result.begin[static_cast<std::size_t>(next--)] = e + 1;
   }
+  constexpr std::int64_t window = Sparsity::window_edges;
+  for (std::int64_t& e : result.ready) e = e == edges ? sparsity.edge_windows() : e / window;
+  for (std::int64_t& e : result.begin) e = (e + window - 1) / window;
   return result;
 }
 
@@ -40,10 +43,10 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
   const auto nodes = static_cast<std::size_t>(sparsity.nodes);
   const auto chunks = static_cast<std::size_t>(sparsity.chunks);
   system.node_fields.assign(8 * nodes, Real(0));
-  system.records.assign(16 * padded, Real(0));
+  system.records.assign(16 * padded + 16, Real(0));
   system.forces.assign(12 * padded + 4, Real(0));
   system.ahead.assign(elements.beta_s.size(), Real(1));
-  system.blocks.assign(12 * sparsity.edges.size(), Real(0));
+  system.blocks.assign(12 * sparsity.edges.size() + 12, Real(0));
   system.node_terms.assign(16 * nodes, Real(0));
   system.values.assign(9 * sparsity.block.size(), Real(0));
   system.diagonal.assign(9 * 16 * chunks, Real(0));
@@ -92,8 +95,9 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   element_pass.forces = system.forces.data();
 
   EdgePass<Real> edge_pass;
-  edge_pass.edge_start = sparsity.edge_start.data();
-  edge_pass.edge_items = sparsity.edge_items.data();
+  edge_pass.lane_edges = sparsity.lane_edges.data();
+  edge_pass.lane_start = sparsity.lane_start.data();
+  edge_pass.lane_items = sparsity.lane_items.data();
   edge_pass.records = system.records.data();
   edge_pass.scale = static_cast<Real>(coefficients.damping.beta_s * h + h * h);
   edge_pass.blocks = system.blocks.data();

@@ -16,7 +16,8 @@ struct StepCoefficients {
 };
 
 // Elements in tiles of their numbers, so that edges can be summed while their elements are in the cache.
-// Edges below ready[t] need no element of tile t or behind it, those from begin[t] on none before tile t.
+// In windows of edges (Sparsity::window_edges): those below ready[t] need no element of tile t or behind it,
+// those from begin[t] on none before tile t.
 struct ElementTiles {
   static constexpr std::int64_t elements = 512;  // of a tile
   std::vector<std::int64_t> ready, begin;        // [tiles+1], ascending

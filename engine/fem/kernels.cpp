@@ -54,7 +54,7 @@ SULCUS_INLINE void hold_rotations(const std::uint8_t* linear, int count, double*
   }
 }
 
-// Nodal forces P g_a, 12 numbers an element, and records h_a = A g_a, lambda, mu, 16 numbers.
+// Nodal forces P g_a, 12 numbers an element, and records of h_a = A g_a, 16 numbers.
 template <class Real>
 SULCUS_INLINE void store_response(const Response<Real>& response, const Lanes<Real>* g, Real* records,
                                   Real* forces) {
@@ -74,13 +74,17 @@ SULCUS_INLINE void store_response(const Response<Real>& response, const Lanes<Re
     force[i] = -(force[3 + i] + force[6 + i] + force[9 + i]);
   }
   const V zero{};
-  const V fourth[4] = {response.lambda, response.mu, zero, zero};
+  const auto carries = response.mu > zero;
+  const V root = square_root<Real>(response.mu);
+  const V ratio = carries ? response.lambda / (carries ? response.mu : zero + Real(1)) : zero;
   for (int a = 0; a < 4; ++a) {
     const V* h = record + 3 * a;
-    scatter<Real>(h[0], h[1], h[2], fourth[a], records + 4 * a, 16);
+    scatter<Real>(root * h[0], root * h[1], root * h[2], ratio,
+                  [&](int l) { return records + 16 * l + 4 * a; });
   }
   for (int k = 0; k < 12; k += 4) {
-    scatter<Real>(force[k], force[k + 1], force[k + 2], force[k + 3], forces + k, 12);
+    scatter<Real>(force[k], force[k + 1], force[k + 2], force[k + 3],
+                  [&](int l) { return forces + 12 * l + k; });
   }
 }
 
@@ -142,70 +146,43 @@ void element_pass(const ElementPass<Real>& pass, std::int64_t first_block, std::
   }
 }
 
-// Number i all over the vector.
-template <int i, class F>
-SULCUS_INLINE F spread(const F& v) {
-  return __builtin_shufflevector(v, v, i, i, i, i);
-}
-
-// Four numbers twice.
+// Blocks of one register of edges, item by item of each.
 template <class Real>
-SULCUS_INLINE typename Vector<Real, 8>::Type load_twice(const Real* from) {
-#if defined(__AVX__)
-  if constexpr (sizeof(Real) == 4) {  // one load; gcc makes a load and a shuffle of the plain version
-    return (typename Vector<Real, 8>::Type)_mm256_broadcast_ps((const __m128*)from);
+SULCUS_INLINE void sum_edges(const EdgePass<Real>& pass, const std::int32_t* edges, std::int32_t first_row,
+                             std::int32_t last_row, int lane) {
+  using V = Lanes<Real>;
+  constexpr int n = lane_count<Real>;
+  V block[9] = {}, trace{};
+  for (std::int32_t row = first_row; row < last_row; ++row) {
+    const std::int32_t* items = pass.lane_items + 16 * static_cast<std::int64_t>(row) + lane;
+    std::int32_t corner_a[n], corner_b[n];
+    for (int l = 0; l < n; ++l) {
+      corner_a[l] = items[l] >> 2;
+      corner_b[l] = ((items[l] >> 4) << 2) + (items[l] & 3);
+    }
+    V a[3], b[3], ratio;
+    gather<Real>(pass.records, 4, corner_a, a[0], a[1], a[2], ratio);
+    gather<Real>(pass.records, 4, corner_b, b[0], b[1], b[2]);
+    for (int i = 0; i < 3; ++i) {
+      const V scaled = ratio * a[i];
+      for (int j = 0; j < 3; ++j) block[3 * i + j] += scaled * b[j] + b[i] * a[j];
+    }
+    trace += a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   }
-#endif
-  const auto v = load<Four<Real>>(from);
-  return __builtin_shufflevector(v, v, 0, 1, 2, 3, 0, 1, 2, 3);
+  for (int i = 0; i < 3; ++i) {
+    block[4 * i] += trace;
+    scatter<Real>(pass.scale * block[3 * i], pass.scale * block[3 * i + 1], pass.scale * block[3 * i + 2],
+                  V{}, [&](int l) { return pass.blocks + 12 * static_cast<std::int64_t>(edges[l]) + 4 * i; });
+  }
 }
 
 template <class Real>
-void edge_pass(const EdgePass<Real>& pass, std::int64_t first_edge, std::int64_t last_edge) {
-  using F = Four<Real>;
-  using T = typename Vector<Real, 8>::Type;
-  constexpr bool paired = lane_count<Real> >= 8;
-  for (std::int64_t edge = first_edge; edge < last_edge; ++edge) {
-    T rows{};  // 0 and 1, if paired
-    F row0{}, row1{}, row2{};
-    Real trace = 0;
-    for (std::int32_t k = pass.edge_start[edge]; k < pass.edge_start[edge + 1]; ++k) {
-      const std::int32_t item = pass.edge_items[k];
-      const Real* record = pass.records + (item & ~15);
-      const Real* at_a = pass.records + (item & ~3);
-      const Real* at_b = record + (item & 3) * 4;
-      F ha, hb, l, m;  // m: mu h_b; l: lambda h_a
-      if constexpr (paired) {
-        const T a = load_twice(at_a), b = load_twice(at_b), l2 = record[3] * a, m2 = record[7] * b;
-        rows += __builtin_shufflevector(l2, l2, 0, 0, 0, 0, 5, 5, 5, 5) * b +
-                __builtin_shufflevector(m2, m2, 0, 0, 0, 0, 5, 5, 5, 5) * a;
-        ha = __builtin_shufflevector(a, a, 0, 1, 2, 3);
-        hb = __builtin_shufflevector(b, b, 0, 1, 2, 3);
-        l = __builtin_shufflevector(l2, l2, 0, 1, 2, 3);
-        m = __builtin_shufflevector(m2, m2, 0, 1, 2, 3);
-      } else {
-        ha = load<F>(at_a);
-        hb = load<F>(at_b);
-        l = record[3] * ha;
-        m = record[7] * hb;
-        row0 += spread<0>(l) * hb + spread<0>(m) * ha;
-        row1 += spread<1>(l) * hb + spread<1>(m) * ha;
-      }
-      row2 += spread<2>(l) * hb + spread<2>(m) * ha;
-      const F products = ha * m;
-      trace += products[0] + products[1] + products[2];
+void edge_pass(const EdgePass<Real>& pass, std::int64_t first_window, std::int64_t last_window) {
+  for (std::int64_t group = 4 * first_window; group < 4 * last_window; ++group) {
+    for (int lane = 0; lane < 16; lane += lane_count<Real>) {
+      sum_edges<Real>(pass, pass.lane_edges + 16 * group + lane, pass.lane_start[group],
+                      pass.lane_start[group + 1], lane);
     }
-    if constexpr (paired) {
-      row0 = __builtin_shufflevector(rows, rows, 0, 1, 2, 3);
-      row1 = __builtin_shufflevector(rows, rows, 4, 5, 6, 7);
-    }
-    row0[0] += trace;
-    row1[1] += trace;
-    row2[2] += trace;
-    Real* block = pass.blocks + 12 * edge;
-    store(block, pass.scale * row0);
-    store(block + 4, pass.scale * row1);
-    store(block + 8, pass.scale * row2);
   }
 }
 

@@ -6,8 +6,9 @@
 //   f_ext)
 // With h_a = R g_a (g_a: gradient of shape function a in the rest shape) the block of corners a, b is
 //   K_ab = V [lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)].
-// Where elements have a beta of their own, their records carry lambda and mu times (h + beta_e) / (h + beta).
-// What other material laws must give: engine/fem/laws.h.
+// A record carries sqrt(V mu) h_a and lambda / mu, so that nothing else of the element is needed for it.
+// Where elements have a beta of their own, their records are made of lambda and mu times (h + beta_e) / (h +
+// beta). What other material laws must give: engine/fem/laws.h.
 #pragma once
 
 #include <cstdint>
@@ -28,17 +29,19 @@ struct ElementPass {
   const Real* ahead =
       nullptr;  // [elements rounded up to blocks] (h + beta_e) / (h + beta); nullptr: all are 1
   double* rotations = nullptr;  // [4*elements] in: warm start, out: rotation of x
-  Real* records = nullptr;      // [16*elements rounded up to blocks] h_0|V lambda, h_1|V mu, h_2|0, h_3|0
+  Real* records = nullptr;      // [16*elements rounded up to blocks] sqrt(V mu) h_a | lambda / mu, a = 0..3
   Real* forces = nullptr;       // [12*... + 4] elastic force (N) on corners 0..3
 };
 
 template <class Real>
 struct EdgePass {
-  const std::int32_t* edge_start = nullptr;
-  const std::int32_t* edge_items = nullptr;
-  const Real* records = nullptr;
-  Real scale = 0;          // beta h + h^2
-  Real* blocks = nullptr;  // [12*edges] block (a, b) of scale * K, row major, rows padded to 4
+  const std::int32_t* lane_edges = nullptr;  // Sparsity::lane_*
+  const std::int32_t* lane_start = nullptr;
+  const std::int32_t* lane_items = nullptr;
+  const Real* records = nullptr;  // and 16 zeros behind the last
+  Real scale = 0;                 // beta h + h^2
+  Real* blocks =
+      nullptr;  // [12*edges + 12] block (a, b) of scale * K, row major, rows padded to 4; last: scratch
 };
 
 template <class Real>
@@ -77,7 +80,7 @@ struct EnergyPass {
 template <class Real>
 struct FemKernels {
   void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
-  void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_edge, std::int64_t last_edge) = nullptr;
+  void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_window, std::int64_t last_window) = nullptr;
   void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
   void (*force_pass)(const ForcePass<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
   void (*energy_pass)(const EnergyPass&, std::int64_t first_block, std::int64_t last_block) = nullptr;

@@ -39,11 +39,43 @@ void collect_edges(const EmbeddingMesh& mesh, Sparsity& s) {
   s.edge_start.push_back(static_cast<std::int32_t>(s.edge_items.size()));
 }
 
+void put_edges_in_lanes(std::size_t tets, Sparsity& s) {
+  constexpr std::size_t lanes = Sparsity::chunk_rows, window = Sparsity::window_edges;
+  const auto nothing = static_cast<std::int32_t>((tets + 15) / 16 * 16 * 16);
+  const std::size_t edges = s.edges.size();
+  const auto items = [&](std::int32_t edge) {
+    const auto e = static_cast<std::size_t>(edge);
+    return e < edges ? std::span(s.edge_items)
+                           .subspan(static_cast<std::size_t>(s.edge_start[e]),
+                                    static_cast<std::size_t>(s.edge_start[e + 1] - s.edge_start[e]))
+                     : std::span<std::int32_t>();
+  };
+  s.lane_edges.resize((edges + window - 1) / window * window);
+  for (std::size_t e = 0; e < s.lane_edges.size(); ++e)
+    s.lane_edges[e] = static_cast<std::int32_t>(std::min(e, edges));
+  for (auto first = s.lane_edges.begin(); first != s.lane_edges.end(); first += window) {
+    std::stable_sort(first, first + window,
+                     [&](std::int32_t a, std::int32_t b) { return items(a).size() > items(b).size(); });
+  }
+  s.lane_start.push_back(0);
+  for (std::size_t group = 0; group < s.lane_edges.size(); group += lanes) {
+    const std::size_t rows = items(s.lane_edges[group]).size();
+    for (std::size_t k = 0; k < rows; ++k) {
+      for (std::size_t l = 0; l < lanes; ++l) {
+        const auto own = items(s.lane_edges[group + l]);
+        s.lane_items.push_back(k < own.size() ? own[k] : nothing);
+      }
+    }
+    s.lane_start.push_back(s.lane_start.back() + static_cast<std::int32_t>(rows));
+  }
+}
+
 }  // namespace
 
 Sparsity build_sparsity(const EmbeddingMesh& mesh) {
   Sparsity s;
   collect_edges(mesh, s);
+  put_edges_in_lanes(mesh.tets.size(), s);
   s.nodes = static_cast<std::int64_t>(mesh.rest_positions.size());
   const auto nodes = static_cast<std::size_t>(s.nodes);
 

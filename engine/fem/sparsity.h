@@ -18,6 +18,9 @@ namespace sulcus {
 struct Sparsity {
   static constexpr int chunk_rows = 16;
   static constexpr int window_rows = 64;
+  static constexpr int window_edges = 64;
+
+  std::int64_t edge_windows() const { return static_cast<std::int64_t>(lane_edges.size()) / window_edges; }
 
   std::int64_t nodes = 0;
   std::int64_t chunks = 0;                 // slots = 16 * chunks >= nodes
@@ -28,6 +31,13 @@ struct Sparsity {
   std::vector<std::int32_t> edge_start;            // [edges+1] into edge_items
   std::vector<std::int32_t> edge_items;            // element*16 + corner_a*4 + corner_b, ascending
   std::vector<std::int32_t> tet_edges;             // [6*tets], edges of corners 01 02 03 12 13 23
+
+  // Edges in lanes: groups of 16, those with many items first within windows of 64, so that padding stays
+  // small.
+  std::vector<std::int32_t> lane_edges;  // [64*windows]; padding: the number of edges
+  std::vector<std::int32_t> lane_start;  // [4*windows+1] in rows of 16 items
+  std::vector<std::int32_t>
+      lane_items;  // [16*rows]; padding: of the first element behind all, rounded up to 16
 
   std::vector<std::int32_t> chunk_start;  // [chunks+1] in columns of 16 entries
   std::vector<std::int32_t> column;       // [entries] slot of the neighbour

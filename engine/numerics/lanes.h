@@ -114,11 +114,10 @@ SULCUS_INLINE typename Vector<Real, count>::Type load_groups(const Real* from, i
   }
 }
 
-// The first three numbers at from + stride * index[lane] for every lane. Reads four: one load a lane, then
-// transposes.
+// The four numbers at from + stride * index[lane] for every lane: one load a lane, then transposes.
 template <class Real>
 SULCUS_INLINE void gather(const Real* from, int stride, const std::int32_t* index, Lanes<Real>& x,
-                          Lanes<Real>& y, Lanes<Real>& z) {
+                          Lanes<Real>& y, Lanes<Real>& z, Lanes<Real>& w) {
   constexpr int n = lane_count<Real>;
   if constexpr (n < 4) {
     const Real* a = from + stride * static_cast<std::int64_t>(index[0]);
@@ -126,26 +125,35 @@ SULCUS_INLINE void gather(const Real* from, int stride, const std::int32_t* inde
     x = Lanes<Real>{a[0], b[0]};
     y = Lanes<Real>{a[1], b[1]};
     z = Lanes<Real>{a[2], b[2]};
+    w = Lanes<Real>{a[3], b[3]};
   } else {
     x = load_groups<Real, n>(from, stride, index);
     y = load_groups<Real, n>(from, stride, index + 1);
     z = load_groups<Real, n>(from, stride, index + 2);
-    Lanes<Real> fourth = load_groups<Real, n>(from, stride, index + 3);
-    transpose_groups(x, y, z, fourth);
+    w = load_groups<Real, n>(from, stride, index + 3);
+    transpose_groups(x, y, z, w);
   }
 }
 
-// Four vectors into four neighbouring numbers of each lane: lane l to `to + stride * l`.
+// The first three of them; reads four.
 template <class Real>
-SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Real> d, Real* to, int stride) {
+SULCUS_INLINE void gather(const Real* from, int stride, const std::int32_t* index, Lanes<Real>& x,
+                          Lanes<Real>& y, Lanes<Real>& z) {
+  Lanes<Real> fourth;
+  gather<Real>(from, stride, index, x, y, z, fourth);
+}
+
+// Four vectors into four neighbouring numbers of each lane: lane l to place(l).
+template <class Real, class Place>
+SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Real> d, const Place& place) {
   constexpr int n = lane_count<Real>;
   if constexpr (n < 4) {
     for (int l = 0; l < n; ++l) {
-      Real* place = to + stride * l;
-      place[0] = a[l];
-      place[1] = b[l];
-      place[2] = c[l];
-      place[3] = d[l];
+      Real* to = place(l);
+      to[0] = a[l];
+      to[1] = b[l];
+      to[2] = c[l];
+      to[3] = d[l];
     }
   } else {
     transpose_groups(a, b, c, d);
@@ -153,7 +161,7 @@ SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Re
     for (int k = 0; k < 4; ++k) {
       Real numbers[n];
       store(numbers, rows[k]);
-      for (int l = 0; l < n; l += 4) std::memcpy(to + stride * (l + k), numbers + l, 4 * sizeof(Real));
+      for (int l = 0; l < n; l += 4) std::memcpy(place(l + k), numbers + l, 4 * sizeof(Real));
     }
   }
 }
