@@ -348,10 +348,12 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   }
   WorkspacePtr workspace(new Workspace);
   workspace->threads = threads;
-  if (scene.settings.solver.precision == Precision::single_precision) {
+  const SolverSettings& solver = scene.settings.solver;
+  const bool single = solver.precision == Precision::single_precision;
+  if (single && solver.tolerance >= refined_below) {
     workspace->single = make_numbers<float>(scene, threads, isa);
   } else {
-    workspace->twice = make_numbers<double>(scene, threads, isa);
+    workspace->twice = make_numbers<double>(scene, threads, isa, single);
   }
   const std::size_t nodes = scene.mesh.rest_positions.size();
   workspace->forces.assign(3 * nodes, 0.0);
@@ -411,11 +413,11 @@ namespace {
 // Increments of the velocities in the coming step, with the contacts of its start; the state stays as it is.
 template <class Real>
 std::vector<double> solve_step(const Scene& scene, std::span<const DeviceSample> samples, State state,
-                               int threads, double tolerance, double floor_m_s) {
+                               int threads, double tolerance, double floor_m_s, bool refined = false) {
   WorkspacePtr workspace = make_workspace(scene, threads);
   find_contacts(scene, state, *workspace);
   if (scene.settings.contact.prescribed) lead_nodes(scene, samples, state, *workspace);
-  const auto numbers = make_numbers<Real>(scene, threads, widest_isa());
+  const auto numbers = make_numbers<Real>(scene, threads, widest_isa(), refined);
   assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr,
                      {tolerance, floor_m_s, scene.settings.solver.max_iterations});
   return workspace->increments;
@@ -440,10 +442,12 @@ constexpr double reference_tolerance = 1e-10;
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads) {
   const SolverSettings& settings = scene.settings.solver;
-  const auto solve =
-      settings.precision == Precision::single_precision ? solve_step<float> : solve_step<double>;
+  const double tolerance = settings.tolerance, floor_m_s = settings.velocity_floor_m_s;
+  const bool single = settings.precision == Precision::single_precision;
   return relative_error(
-      solve(scene, samples, state, threads, settings.tolerance, settings.velocity_floor_m_s),
+      single && tolerance >= refined_below
+          ? solve_step<float>(scene, samples, state, threads, tolerance, floor_m_s)
+          : solve_step<double>(scene, samples, state, threads, tolerance, floor_m_s, single),
       solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
 }
 

@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 namespace sulcus {
 namespace {
@@ -209,8 +210,15 @@ SolveResult solve(const Scene& scene, const State& state, const Effort& effort, 
   }
   const RowMatrix<Real> matrix = row_matrix(scene, numbers);
   const double floor = effort.floor_m_s * std::sqrt(scene.total_mass_kg);
-  const SolveResult result =
-      conjugate_gradients(matrix, numbers.borders, effort.tolerance, floor, effort.max_iterations, solver);
+  SolveResult result;
+  if constexpr (std::is_same_v<Real, double>) {
+    if (numbers.refinement)
+      result = refined_conjugate_gradients(matrix, numbers.borders, effort.tolerance, floor,
+                                           effort.max_iterations, solver, *numbers.refinement);
+  }
+  if (!numbers.refinement)
+    result =
+        conjugate_gradients(matrix, numbers.borders, effort.tolerance, floor, effort.max_iterations, solver);
   sum_motion_forces(scene, state, solver, workspace);
   sum_plane_forces(scene, solver, workspace);
 
@@ -247,7 +255,7 @@ SolveResult solve(const Scene& scene, const State& state, const Effort& effort, 
 }  // namespace
 
 template <class Real>
-std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa) {
+std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa, bool refined) {
   auto numbers = std::make_unique<Numbers<Real>>();
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
@@ -259,14 +267,22 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
     numbers->saved_terms.reserve(36 * contacts);
     numbers->saved_forces.reserve(12 * contacts);
   }
-  if (scene.multigrid) use_multigrid(*scene.multigrid, scene.sparsity.chunks, numbers->solver);
+  if (refined) numbers->refinement = make_refinement(scene.sparsity, isa, threads);
+  if (scene.multigrid && refined) {
+    use_multigrid(*scene.multigrid, scene.sparsity.chunks, numbers->refinement->solver);
+  } else if (scene.multigrid) {
+    use_multigrid(*scene.multigrid, scene.sparsity.chunks, numbers->solver);
+  }
   if (!scene.settings.motions.empty() || scene.settings.contact.prescribed)
     numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
   numbers->borders.resize(scene.settings.tools.size());
+  if (refined) numbers->refinement->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {
     const bool by_nodes = scene.settings.detection == ContactDetection::surface_nodes;
-    numbers->borders[t].rows.reserve(by_nodes ? scene.mesh.rest_positions.size()
-                                              : 4 * scene.settings.tools[t].surface.vertices.size());
+    const std::size_t most =
+        by_nodes ? scene.mesh.rest_positions.size() : 4 * scene.settings.tools[t].surface.vertices.size();
+    numbers->borders[t].rows.reserve(most);
+    if (refined) numbers->refinement->borders[t].rows.reserve(most);
   }
   return numbers;
 }
@@ -303,8 +319,8 @@ void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system) {
 // Makes the coarse levels follow the matrix.
 template <class Real>
 void set_up_levels(const Scene& scene, const State& state, const Workspace& workspace,
-                   Numbers<Real>& numbers) {
-  auto& levels = numbers.solver.levels;
+                   const RowMatrix<Real>& matrix, SolverWorkspace<Real>& solver) {
+  auto& levels = solver.levels;
   clear_contacts(levels);
   for (const Contact& contact : workspace.contacts) {
     const ContactResponse response = respond(scene, contact);
@@ -312,12 +328,28 @@ void set_up_levels(const Scene& scene, const State& state, const Workspace& work
     add_contact(*scene.multigrid, scene.mesh, contact.tet, contact.weights,
                 response.weight_kg * response.matrix, levels);
   }
-  set_up_multigrid<Real>(*scene.multigrid, row_matrix(scene, numbers), state.rotations,
-                         numbers.solver.kernels, workspace.threads, levels);
+  set_up_multigrid<Real>(*scene.multigrid, matrix, state.rotations, solver.kernels, workspace.threads,
+                         levels);
   // a node that is led along one direction takes no corrections from the levels: they would move it there too
   for (const LedNode& led : workspace.led) {
     for (std::size_t d = 0; d < 3; ++d) levels.share[solver_entry(scene, led.node, d)] = Real(0);
   }
+}
+
+// What conjugate gradients need beside the matrix. A repeated solve keeps the levels: contacts that are gone
+// only make the corrections there smaller.
+template <class Real>
+void prepare_solver(const Scene& scene, const State& state, const Workspace& workspace, bool again,
+                    Numbers<Real>& numbers) {
+  const bool with_levels = scene.multigrid && !again;
+  if constexpr (std::is_same_v<Real, double>) {
+    if (numbers.refinement) {
+      const RowMatrix<float> rounded = round_matrix(row_matrix(scene, numbers), *numbers.refinement);
+      if (with_levels) set_up_levels(scene, state, workspace, rounded, numbers.refinement->solver);
+      return;
+    }
+  }
+  if (with_levels) set_up_levels(scene, state, workspace, row_matrix(scene, numbers), numbers.solver);
 }
 
 template <class Real>
@@ -351,8 +383,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
     std::fill(numbers.solver.prescribed.begin(), numbers.solver.prescribed.end(), Real(0));
     impose_led(scene, state, numbers, workspace);
   }
-  // a repeated solve keeps the levels: contacts that are gone only make the corrections there smaller
-  if (scene.multigrid && !again) set_up_levels(scene, state, workspace, numbers);
+  prepare_solver(scene, state, workspace, again, numbers);
   if (observer != nullptr) observer->stage_done(Stage::assembly);
   return solve_and_tell(scene, state, effort, numbers, workspace, observer);
 }
@@ -365,7 +396,7 @@ SolveResult go_on_solving(const Scene& scene, const State& state, Numbers<Real>&
 }
 
 #define SULCUS_INSTANTIATE(Real)                                                                           \
-  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa);                      \
+  template std::unique_ptr<Numbers<Real>> make_numbers<Real>(const Scene&, int, Isa, bool);                \
   template void keep_in_planes<Real>(const Scene&, SystemMatrix<Real>&);                                   \
   template SolveResult assemble_and_solve<Real>(const Scene&, std::span<const DeviceSample>, State&,       \
                                                 Numbers<Real>&, Workspace&, StageObserver*, const Effort&, \

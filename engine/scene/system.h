@@ -10,6 +10,7 @@
 #include "engine/scene/alive_view.h"
 #include "engine/scene/step.h"
 #include "engine/solver/conjugate_gradients.h"
+#include "engine/solver/refinement.h"
 
 namespace sulcus {
 
@@ -21,6 +22,8 @@ template <class Real>
 struct Numbers {
   SystemMatrix<Real> system;
   SolverWorkspace<Real> solver;
+  std::unique_ptr<Refinement>
+      refinement;  // in double precision, where single is asked and too little by itself
   std::vector<ToolBorder<Real>> borders;  // [tools]
   // What the tissue's part holds where contacts will be added, so that a repeated solve need not assemble the
   // tissue again. Four nodes and six edges a contact.
@@ -81,8 +84,9 @@ inline std::size_t solver_entry(const Scene& scene, std::int32_t node, std::size
   return (slot / 16 * 3 + d) * 16 + slot % 16;
 }
 
+// refined: with a refinement.
 template <class Real>
-std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa);
+std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa, bool refined = false);
 
 // The elements that are present; empty (all are) in scenes that do not fracture.
 inline std::span<const std::uint8_t> present(const Scene& scene, const State& state) {

@@ -207,13 +207,42 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
   return result;
 }
 
+template <class Real>
+void find_residual(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
+                   SolverWorkspace<Real>& workspace) {
+  const auto& kernels = workspace.kernels;
+  const auto blocks = static_cast<std::int64_t>(workspace.rz.size());
+  SpinBarrier barrier(workspace.threads);
+#pragma omp parallel num_threads(workspace.threads)
+  {
+    const Range own = share(blocks, omp_get_thread_num(), workspace.threads);
+    const Range own_chunks{own.first * chunks_per_block,
+                           std::min(own.last * chunks_per_block, matrix.chunks)};
+    Real *p = workspace.p.data(), *q = workspace.q.data();
+    kernels.direct(matrix, Real(0), workspace.x.data(), p, workspace.packed.data(), own.first, own.last);
+    barrier.wait();
+    kernels.multiply(matrix, p, workspace.packed.data(), q, workspace.pq.data(), own.first, own.last);
+    std::array<double, 6> y;
+    for (const auto& border : borders) {
+      border_product(border, p, y);
+      subtract_border(border, y, own_chunks, q);
+    }
+    for (auto i = static_cast<std::size_t>(own_chunks.first * 48);
+         i < static_cast<std::size_t>(own_chunks.last * 48); ++i) {
+      workspace.r[i] = workspace.b[i] - q[i];
+    }
+  }
+}
+
 #define SULCUS_INSTANTIATE(Real)                                                                            \
   template SolverKernels<Real> solver_kernels<Real>(Isa);                                                   \
   template SolverWorkspace<Real> make_solver_workspace<Real>(const Sparsity&, Isa, int);                    \
   template void use_multigrid<Real>(const Multigrid&, std::int64_t, SolverWorkspace<Real>&);                \
   template SolveResult conjugate_gradients<Real>(const RowMatrix<Real>&,                                    \
                                                  const std::vector<ToolBorder<Real>>&, double, double, int, \
-                                                 SolverWorkspace<Real>&);
+                                                 SolverWorkspace<Real>&);                                   \
+  template void find_residual<Real>(const RowMatrix<Real>&, const std::vector<ToolBorder<Real>>&,           \
+                                    SolverWorkspace<Real>&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)
 #undef SULCUS_INSTANTIATE

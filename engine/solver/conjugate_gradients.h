@@ -87,4 +87,10 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
                                 double tolerance, double floor, int max_iterations,
                                 SolverWorkspace<Real>& workspace);
 
+// workspace.r = b - A x, from workspace.b and x; p, q and packed are scratch. Cost: one product with the
+// matrix.
+template <class Real>
+void find_residual(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
+                   SolverWorkspace<Real>& workspace);
+
 }  // namespace sulcus

@@ -8,6 +8,7 @@
 #include "engine/fem/assembly.h"
 #include "engine/fem/test_meshes.h"
 #include "engine/solver/conjugate_gradients.h"
+#include "engine/solver/refinement.h"
 
 namespace sulcus {
 namespace {
@@ -212,6 +213,68 @@ TEST(ConjugateGradients, NotANumberIsSaidNotSpread) {
       conjugate_gradients(problem.matrix, problem.borders, 1e-3, 0.0, 100, problem.workspace);
   EXPECT_TRUE(result.broken);
   EXPECT_FALSE(result.converged);
+}
+
+// The system in double precision, solved by corrections in single precision.
+SolveResult refine(Problem<double>& problem, double tolerance, int max_iterations, Isa isa = widest_isa(),
+                   int threads = 1) {
+  const auto refinement = make_refinement(problem.sparsity, isa, threads);
+  round_matrix(problem.matrix, *refinement);
+  return refined_conjugate_gradients(problem.matrix, problem.borders, tolerance, 0.0, max_iterations,
+                                     problem.workspace, *refinement);
+}
+
+TEST(Refinement, ReachesWhatSinglePrecisionCannot) {
+  for (bool with_tool : {false, true}) {
+    Problem<double> problem(with_tool);
+    const Eigen::VectorXd expected = problem.reference();
+    const SolveResult result = refine(problem, 1e-11, 1000);
+    EXPECT_TRUE(result.converged);
+    EXPECT_LE(result.residual, 1e-11);
+    EXPECT_LT(problem.error(expected), 1e-9) << with_tool;
+  }
+}
+
+TEST(Refinement, TakesPrescribedValuesAndAGuess) {
+  Problem<double> problem(true);
+  problem.workspace.prescribed.assign(problem.workspace.b.size(), 0.0);
+  for (std::size_t n = 0; n < problem.mesh.rest_positions.size(); ++n) {
+    if (!problem.free_node[n]) problem.workspace.prescribed[problem.slot(n, 0)] = 0.01;
+  }
+  conjugate_gradients(problem.matrix, problem.borders, 1e-12, 0.0, 1000, problem.workspace);
+  const auto expected = problem.workspace.x;
+  const auto held = problem.workspace.r;
+  refine(problem, 1e-11, 1000);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_NEAR(problem.workspace.x[i], expected[i], 1e-10);
+    EXPECT_NEAR(problem.workspace.r[i], held[i], 1e-12);
+  }
+  problem.workspace.guess = expected;
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    problem.workspace.guess[i] -= problem.workspace.prescribed[i];
+  problem.workspace.start = Start::guess;
+  EXPECT_EQ(refine(problem, 1e-9, 1000).iterations, 0);
+}
+
+TEST(Refinement, TheCapIsReported) {
+  Problem<double> problem(false);
+  const SolveResult result = refine(problem, 1e-11, 5);
+  EXPECT_EQ(result.iterations, 5);
+  EXPECT_FALSE(result.converged);
+  EXPECT_GT(result.residual, 1e-11);
+}
+
+TEST(Refinement, GivesTheSameBitsOnEveryInstructionSetAndThreadCount) {
+  Problem<double> reference(true, Isa::sse2, 1);
+  refine(reference, 1e-10, 500, Isa::sse2, 1);
+  for (Isa isa : {Isa::sse2, Isa::avx2, Isa::avx512}) {
+    if (isa > widest_isa()) continue;
+    for (int threads : {1, 2, 3}) {
+      Problem<double> other(true, isa, threads);
+      refine(other, 1e-10, 500, isa, threads);
+      EXPECT_EQ(other.workspace.x, reference.workspace.x) << isa_name(isa) << ' ' << threads;
+    }
+  }
 }
 
 template <class Real>
