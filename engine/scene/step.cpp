@@ -67,18 +67,36 @@ void with_body(StepReport& report, const Contact& contact, Visit&& visit) {
   }
 }
 
-// Drops the contacts that would pull; returns whether any did.
+// Drops the contacts that would pull, in their order into workspace.dropped; returns whether any did.
 bool drop_pulling_contacts(const Scene& scene, const State& state, Workspace& workspace, StepReport& report) {
-  const auto pulls = [&](const Contact& contact) {
-    if (!law_of(scene, contact.tool).tension_rule) return false;
-    if (!(contact_force(scene, state, contact, workspace).dot(contact.normal) > 0)) return false;
-    with_body(report, contact, [](auto& body) { ++body.dropped_contacts; });
-    return true;
-  };
-  const auto end = std::remove_if(workspace.contacts.begin(), workspace.contacts.end(), pulls);
-  const bool any = end != workspace.contacts.end();
-  workspace.contacts.erase(end, workspace.contacts.end());
+  auto& contacts = workspace.contacts;
+  std::size_t kept = 0;
+  for (const Contact& contact : contacts) {
+    if (law_of(scene, contact.tool).tension_rule &&
+        contact_force(scene, state, contact, workspace).dot(contact.normal) > 0) {
+      with_body(report, contact, [](auto& body) { ++body.dropped_contacts; });
+      workspace.dropped.push_back(contact);
+    } else {
+      contacts[kept++] = contact;
+    }
+  }
+  const bool any = kept < contacts.size();
+  contacts.resize(kept);
   return any;
+}
+
+// Takes back those that a rough solution dropped and that would push by the exact one; returns whether any
+// would.
+bool take_back_pushing_contacts(const Scene& scene, const State& state, Workspace& workspace,
+                                StepReport& report) {
+  const std::size_t before = workspace.contacts.size();
+  for (const Contact& contact : workspace.dropped) {
+    if (!(contact_force(scene, state, contact, workspace).dot(contact.normal) < 0)) continue;
+    with_body(report, contact, [](auto& body) { --body.dropped_contacts; });
+    workspace.contacts.push_back(contact);
+  }
+  workspace.dropped.clear();
+  return workspace.contacts.size() > before;
 }
 
 void report_contacts(const Scene& scene, const State& state, const Workspace& workspace, StepReport& report) {
@@ -248,32 +266,36 @@ void take_samples(const Scene& scene, std::span<const DeviceSample> given, const
   }
 }
 
-// Solves, drops the contacts that pull, and solves again without them. A tenth of the residual tells nearly
-// all that pull, so a first solve pauses there to look. Returns false if the solver broke down.
+// Solves, drops the contacts that pull, and solves again without them. A rough solution tells nearly all that
+// pull, so the first solve pauses there to look; what it told wrongly is taken back. Returns false if the
+// solver broke down.
 template <class Real>
 bool solve_for_contacts(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                         StepReport& report, Numbers<Real>& numbers, Workspace& workspace,
                         StageObserver* observer) {
-  constexpr double telling_tolerance = 0.03;
+  constexpr double rough_tolerance = 0.03;
   constexpr int most_solves_again =
       4;  // what still pulls then is smaller by orders: the report's min_push tells
   const SolverSettings& settings = scene.settings.solver;
   const bool leads = scene.settings.contact.prescribed;
-  const auto must_solve_again = [&] {
+  const auto must_solve_again = [&](bool rough) {
     const bool released = leads && release_led(scene, workspace, report);
-    const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;
-    return correct_friction(scene, state, workspace) || dropped;
+    const bool taken_back = !rough && take_back_pushing_contacts(scene, state, workspace, report);
+    const bool dropped = drop_pulling_contacts(scene, state, workspace, report);
+    if (!rough) workspace.dropped.clear();
+    return correct_friction(scene, state, workspace) || released || taken_back || dropped;
   };
+  workspace.dropped.clear();
   const Effort whole{settings.tolerance, settings.velocity_floor_m_s, settings.max_iterations};
   Effort effort = whole;
   if (scene.only_drops_contacts() && !workspace.contacts.empty())
-    effort.tolerance = std::fmax(telling_tolerance, whole.tolerance);
+    effort.tolerance = std::fmax(rough_tolerance, whole.tolerance);
   SolveResult result = assemble_and_solve(scene, samples, state, numbers, workspace, observer, effort);
   report.iterations = result.iterations;
-  bool paused = effort.tolerance > whole.tolerance;
-  for (int again = 0;; paused = false) {
-    const bool anew = again < most_solves_again && scene.solves_again() && must_solve_again();
-    if (!anew && !paused) break;
+  bool rough = effort.tolerance > whole.tolerance;
+  for (int again = 0;; rough = false) {
+    const bool anew = again < most_solves_again && scene.solves_again() && must_solve_again(rough);
+    if (!anew && !rough) break;
     effort = whole;
     if (anew) {
       ++again;
@@ -364,6 +386,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   if (scene.fracture)
     workspace->fracture = make_fracture_scratch(scene.elements, scene.stars(), isa, threads);
   workspace->contacts.reserve(most_contacts(scene));
+  workspace->dropped.reserve(most_contacts(scene));
   workspace->samples.reserve(scene.settings.tools.size());
   if (!scene.settings.tools.empty()) {
     workspace->row_of_node.assign(nodes, -1);

@@ -65,6 +65,7 @@ struct Workspace {
   std::vector<Vec3> vertices;         // of one tool, world
   std::vector<DeviceSample> samples;  // [tools]
   std::vector<Contact> contacts;      // of all tools, in order
+  std::vector<Contact> dropped;       // in the step, by the tension rule
   std::vector<LedNode> led;           // in scenes with prescribed contact
   ContactSearch search;
   std::vector<ToolSystem> tools;
