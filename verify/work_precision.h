@@ -2,6 +2,7 @@
 // JSON, Markdown) and a diagram (PNG, by gnuplot).
 #pragma once
 
+#include <cmath>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -19,8 +20,11 @@ struct WorkPrecisionRow {
   double iterations = 0;       // mean over steps
   double converged_share = 1;  // of the steps, by tolerance
   std::string problem;         // empty, or why the run stopped early
-  // On the Pareto front: nothing that costs no more a step has a smaller error.
+  bool own = false;            // these are the scenario's own settings
+  // On the Pareto front: nothing that costs no more has a smaller error. By the time of a step, and by
+  // computing for a simulated second.
   bool on_displacement_front = false, on_force_front = false;
+  bool on_displacement_front_by_second = false, on_force_front_by_second = false;
 };
 
 struct WorkPrecisionStudy {
@@ -33,9 +37,12 @@ struct WorkPrecisionStudy {
   double displacement_mm = 0, force_N = 0;  // root mean square of the reference, what errors are relative to
   int repetitions = 1, threads = 1;
   std::vector<WorkPrecisionRow> rows;
+  // What the scenario's own settings cost for a simulated second, over the cheapest with no larger error; NaN
+  // if they are not among the rows.
+  double own_over_displacement_front = NAN, own_over_force_front = NAN;
 };
 
-// Sets the marks of the two fronts.
+// Sets the marks of the fronts and the costs over them.
 void mark_fronts(WorkPrecisionStudy& study);
 
 // Texts of the files; study.rows marked.

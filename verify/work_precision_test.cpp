@@ -30,6 +30,7 @@ WorkPrecisionStudy study() {
   s.reference_force_error = 1e-3;
   s.rows = {row({"1e-1", "0.02"}, 1, 0.1, 0.3), row({"1e-1", "0.01"}, 1.1, 0.2, 0.2),
             row({"1e-3", "0.02"}, 2, 0.01, 0.2), row({"1e-3", "0.01"}, 2, 0.02, NAN)};
+  s.rows[2].own = true;
   mark_fronts(s);
   return s;
 }
@@ -41,6 +42,18 @@ TEST(WorkPrecision, FrontsHoldWhatNothingCheaperBeats) {
     EXPECT_EQ(s.rows[i].on_displacement_front, displacement[i]) << i;
     EXPECT_EQ(s.rows[i].on_force_front, force[i]) << i;
   }
+}
+
+TEST(WorkPrecision, TheOwnSettingsAreHeldAgainstTheCheapestThatIsAsExact) {
+  const WorkPrecisionStudy s = study();
+  EXPECT_DOUBLE_EQ(s.own_over_displacement_front, 1.0);
+  EXPECT_DOUBLE_EQ(s.own_over_force_front, 2 / 1.1);
+  EXPECT_TRUE(std::isnan([] {
+    WorkPrecisionStudy none = study();
+    none.rows[2].own = false;
+    mark_fronts(none);
+    return none.own_over_force_front;
+  }()));
 }
 
 TEST(WorkPrecision, ARunThatStoppedIsOnNoFront) {
@@ -56,13 +69,13 @@ TEST(WorkPrecision, TablesHoldEveryRow) {
   const WorkPrecisionStudy s = study();
   const std::string csv = work_precision_csv(s);
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 5);
-  EXPECT_NE(csv.find("1e-3,0.01,2,0.1,0.02,,0,1,0,0,\n"), std::string::npos) << csv;
+  EXPECT_NE(csv.find("1e-3,0.01,2,0.1,0.02,,0,1,0,0,0,0,0,\n"), std::string::npos) << csv;
   const auto json = nlohmann::json::parse(work_precision_json(s));
   EXPECT_EQ(json["rows"].size(), 4u);
   EXPECT_TRUE(json["rows"][3]["force_error"].is_null());
   EXPECT_EQ(json["rows"][2]["displacement_error"], 0.01);
   const std::string page = work_precision_markdown(s, "picture.png");
-  EXPECT_NE(page.find("| 1e-3 | 0.02 | 2 | 0.1 | 0.01 | F | 0.2 | |"), std::string::npos) << page;
+  EXPECT_NE(page.find("| **1e-3** | **0.02** | 2 | 0.1 | 0.01 | Ff | 0.2 | |"), std::string::npos) << page;
 }
 
 TEST(WorkPrecision, TheDiagramIsAPicture) {

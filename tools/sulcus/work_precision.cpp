@@ -267,6 +267,14 @@ std::string processor() {
   return "an unknown processor";
 }
 
+// Whether what is usually varied is the same.
+bool same_settings(const Scenario& a, const Scenario& b) {
+  const SolverSettings &s = a.scene.solver, &t = b.scene.solver;
+  return a.scene.step_s == b.scene.step_s && a.scene.embedding.size_m == b.scene.embedding.size_m &&
+         s.tolerance == t.tolerance && s.precision == t.precision && s.preconditioner == t.preconditioner &&
+         s.max_iterations == t.max_iterations;
+}
+
 }  // namespace
 
 int work_precision_command(const WorkPrecisionOptions& options) {
@@ -278,12 +286,14 @@ int work_precision_command(const WorkPrecisionOptions& options) {
 
   // everything is read and checked before anything runs
   std::vector<Scenario> scenarios;
+  const Scenario own = load_scenario(path, options.overrides);
   for (const std::vector<std::string>& choice : choices(varied)) {
     std::vector<std::string> settings = options.overrides;
     for (std::size_t k = 0; k < choice.size(); ++k) settings.push_back(varied[k].key + "=" + choice[k]);
     scenarios.push_back(load_scenario(path, settings));
     study.rows.push_back({});
     study.rows.back().values = choice;
+    study.rows.back().own = same_settings(scenarios.back(), own);
   }
   study.reference = without_overridden(reference_settings(options, varied, scenarios));
   const Scenario reference = load_scenario(path, study.reference);
