@@ -328,8 +328,8 @@ void set_up_levels(const Scene& scene, const State& state, const Workspace& work
     add_contact(*scene.multigrid, scene.mesh, contact.tet, contact.weights,
                 response.weight_kg * response.matrix, levels);
   }
-  set_up_multigrid<Real>(*scene.multigrid, matrix, state.rotations, solver.kernels, workspace.threads,
-                         levels);
+  set_up_multigrid<Real>(*scene.multigrid, matrix, state.rotations, present(scene, state), solver.kernels,
+                         workspace.threads, levels);
   // a node that is led along one direction takes no corrections from the levels: they would move it there too
   for (const LedNode& led : workspace.led) {
     for (std::size_t d = 0; d < 3; ++d) levels.share[solver_entry(scene, led.node, d)] = Real(0);

@@ -97,6 +97,20 @@ void list_children(const EmbeddingMesh& mesh, Multigrid& m) {
   }
 }
 
+void add_weights(const EmbeddingMesh& mesh, const ElementData& elements, Multigrid& m) {
+  m.tets_per_cell = mesh.tets_per_cell;
+  std::vector<double> sums(at(m.first_cell.back()), 0.0);
+  for (std::int64_t e = 0; e < elements.count; ++e) {
+    const double weight = elements.rest_double[at(e / 16 * 12 * 16 + 16 * 10 + e % 16)];
+    m.tet_weight.push_back(static_cast<float>(weight));
+    for (std::int32_t cell = m.parent[at(e / mesh.tets_per_cell)]; cell >= 0;
+         cell = m.parent[mesh.cell_nodes.size() + at(cell)]) {
+      sums[at(cell)] += weight;
+    }
+  }
+  m.cell_weight.assign(sums.begin(), sums.end());
+}
+
 // Trilinear weights of the 8 corners of a cell of level l at a point in the coordinates of the mesh's grid.
 std::array<double, 8> corner_weights(const Multigrid& m, std::int64_t level, std::int32_t cell,
                                      const Vec3& point) {
@@ -197,9 +211,27 @@ void add_quaternion(Real* a, const Real* b) {
   for (int k = 0; k < 4; ++k) a[k] += dot < Real(0) ? -b[k] : b[k];
 }
 
-// Columns of the rotation by q / |q|; of the identity where q has no direction.
+// What of a cell is left, as a share. torn: mu V of what is gone, of the cells of the level below, and here of this one.
 template <class Real>
-void store_turn(const Real* q, Real* columns) {
+Real share_left(const Multigrid& m, std::int64_t level, std::int64_t cell, std::span<const std::uint8_t> alive,
+                std::vector<Real>& torn) {
+  Real sum = 0;
+  for (std::int32_t k = m.child_start[at(cell)]; k < m.child_start[at(cell) + 1]; ++k) {
+    const std::int64_t child = m.children[at(k)];
+    if (level > 0) {
+      sum += torn[at(child)];
+      continue;
+    }
+    for (std::int64_t tet = child - m.tets_per_cell + 1; tet <= child; ++tet)
+      sum += alive[at(tet)] ? Real(0) : static_cast<Real>(m.tet_weight[at(tet)]);
+  }
+  torn[at(cell)] = sum;
+  return std::max(Real(0), Real(1) - sum / static_cast<Real>(m.cell_weight[at(cell)]));
+}
+
+// Columns of the rotation by q / |q|, of the identity where q has no direction; times `size`.
+template <class Real>
+void store_turn(const Real* q, Real size, Real* columns) {
   const Real square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   const bool usable = square > Real(1e-6);
   const Real two = usable ? Real(2) / square : Real(0);
@@ -208,7 +240,7 @@ void store_turn(const Real* q, Real* columns) {
                      two * (x * y + s * z),           Real(1) - two * (x * x + z * z), two * (y * z - s * x),
                      two * (x * z - s * y),           two * (y * z + s * x), Real(1) - two * (x * x + y * y)};
   for (int j = 0; j < 3; ++j) {
-    for (int i = 0; i < 3; ++i) columns[4 * j + i] = r[3 * i + j];
+    for (int i = 0; i < 3; ++i) columns[4 * j + i] = size * r[3 * i + j];
     columns[4 * j + 3] = Real(0);
   }
 }
@@ -252,6 +284,7 @@ Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements
   number_levels(mesh, levels, m);
   make_transfers(levels, sparsity, m);
   list_children(mesh, m);
+  add_weights(mesh, elements, m);
   std::vector<std::int32_t> one(m.cell_nodes.size() * 8 + 1), item;
   for (std::size_t c = 0; c < one.size(); ++c) one[c] = static_cast<std::int32_t>(c);
   for (const auto& nodes : m.cell_nodes) item.insert(item.end(), nodes.begin(), nodes.end());
@@ -276,6 +309,7 @@ MultigridWorkspace<Real> make_multigrid_workspace(const Multigrid& multigrid, st
   w.upper.assign(at(threads), AlignedVector<Real>(8 * nodes, Real(0)));
   w.sums.assign((level_0 + nodes_per_sum - 1) / nodes_per_sum, 0.0);
   w.quaternions.assign(4 * cells, Real(0));
+  w.torn.assign(cells, Real(0));
   for (std::size_t n = 0; n < nodes; ++n) {
     const auto count = static_cast<Real>(std::max(1, multigrid.up_start[n + 1] - multigrid.up_start[n]));
     w.up_count.push_back(count);
@@ -316,7 +350,7 @@ void add_contact(const Multigrid& m, const EmbeddingMesh& mesh, std::int32_t tet
 
 template <class Real>
 void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::span<const double> rotations,
-                      const SolverKernels<Real>& kernels, int threads, MultigridWorkspace<Real>& workspace) {
+                      std::span<const std::uint8_t> alive, const SolverKernels<Real>& kernels, int threads, MultigridWorkspace<Real>& workspace) {
   const LevelView<Real> levels = level_view(m, workspace);
   SpinBarrier barrier(threads);
 #pragma omp parallel num_threads(threads)
@@ -343,7 +377,8 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
           }
           add_quaternion(sum, q);
         }
-        store_turn(sum, &workspace.turns[at(12 * c)]);
+        const Real left = alive.empty() ? Real(1) : share_left(m, level, c, alive, workspace.torn);
+        store_turn(sum, std::sqrt(left), &workspace.turns[at(12 * c)]);
       }
       barrier.wait();
     }
@@ -358,7 +393,7 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
   template void add_contact<Real>(const Multigrid&, const EmbeddingMesh&, std::int32_t,                      \
                                   const std::array<double, 4>&, const Mat3&, MultigridWorkspace<Real>&);     \
   template void set_up_multigrid<Real>(const Multigrid&, const RowMatrix<Real>&, std::span<const double>,    \
-                                       const SolverKernels<Real>&, int, MultigridWorkspace<Real>&);          \
+                                       std::span<const std::uint8_t>, const SolverKernels<Real>&, int, MultigridWorkspace<Real>&);          \
   template LevelView<Real> level_view<Real>(const Multigrid&, MultigridWorkspace<Real>&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)

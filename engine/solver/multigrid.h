@@ -37,6 +37,9 @@ struct Multigrid {
   std::vector<float> mass;       // [nodes] kg, (1 + alpha h) M_aa and springs
   // mean rotations
   std::vector<std::int32_t> child_start, children;  // of each cell: tetrahedra (level 0) or cells
+  // what a cell loses with its tetrahedra
+  std::int64_t tets_per_cell = 0;
+  std::vector<float> tet_weight, cell_weight;  // [tets], [cells] mu V, and its sum over the tetrahedra below
   // the way up from a cell of the mesh
   std::vector<std::int32_t> parent;                      // [cells of the mesh, then cells]; -1: top level
   std::vector<std::array<std::int32_t, 8>> cell_nodes;   // [cells]
@@ -63,6 +66,7 @@ struct MultigridWorkspace {
   std::vector<AlignedVector<Real>> upper;  // [threads][8*nodes]: residuals, then corrections
   std::vector<double> sums;                // one a block of 64 nodes of level 0
   std::vector<Real> quaternions;           // [4*cells]
+  std::vector<Real> torn;                  // [cells] mu V of what is gone
   std::vector<Real> up_share, up_count;    // [nodes] 1 / number and number of nodes of the next level, or 1
 };
 
@@ -84,10 +88,11 @@ void add_contact(const Multigrid& multigrid, const EmbeddingMesh& mesh, std::int
                  const std::array<double, 4>& weights, const Mat3& block, MultigridWorkspace<Real>& workspace);
 
 // Mean rotations, diagonal blocks and their inverses of all levels; which slots are held follows from the
-// matrix. rotations: [4*tets] of the step. Cost: about two iterations of conjugate gradients.
+// matrix. rotations: [4*tets] of the step. alive: [tets] or empty (all are); a cell is as stiff as the share of it that
+// is alive, by mu V. Cost: about two iterations of conjugate gradients.
 template <class Real>
 void set_up_multigrid(const Multigrid& multigrid, const RowMatrix<Real>& matrix,
-                      std::span<const double> rotations, const SolverKernels<Real>& kernels, int threads,
-                      MultigridWorkspace<Real>& workspace);
+                      std::span<const double> rotations, std::span<const std::uint8_t> alive,
+                      const SolverKernels<Real>& kernels, int threads, MultigridWorkspace<Real>& workspace);
 
 }  // namespace sulcus

@@ -37,7 +37,7 @@ struct Problem {
                         body.contact_weight() * contact.normal * contact.normal.transpose(),
                         system.solver.levels);
     }
-    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, system.solver.kernels,
+    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, {}, system.solver.kernels,
                            system.solver.threads, system.solver.levels);
   }
   SolveResult solve(double tolerance, int most = 2000) {
@@ -84,8 +84,7 @@ Eigen::VectorXd preconditioned(Problem<Real>& problem, const Eigen::VectorXd& r)
   Eigen::VectorXd z(r.size());
   for (std::size_t n = 0; n < problem.body.free_node.size(); ++n) {
     for (std::size_t d = 0; d < 3; ++d) {
-      z[static_cast<Eigen::Index>(3 * n + d)] =
-          static_cast<double>(solver.p[problem.system.entry(n, d)]);
+      z[static_cast<Eigen::Index>(3 * n + d)] = static_cast<double>(solver.p[problem.system.entry(n, d)]);
     }
   }
   return z;
@@ -118,8 +117,8 @@ TEST(Multigrid, IsSymmetricAndPositiveOnFreeNodesAndZeroOnHeldOnes) {
   }
 }
 
-// Level by level against P_l (diagonal blocks of P_l^T A P_l)^-1 P_l^T made of the assembled matrix itself, on
-// a body at rest, where the mean rotations are exact.
+// Level by level against P_l (diagonal blocks of P_l^T A P_l)^-1 P_l^T made of the assembled matrix itself,
+// on a body at rest, where the mean rotations are exact.
 TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
   PressedBody body = cloven_block(8);
   for (std::size_t n = 0; n < body.mesh.rest_positions.size(); ++n) {
@@ -142,7 +141,8 @@ TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
     for (std::int64_t e = sparsity.chunk_start[static_cast<std::size_t>(chunk)];
          e < sparsity.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++e) {
       const std::int32_t at = sparsity.column[static_cast<std::size_t>(e * 16 + lane)];
-      add(sparsity.node_of_slot[static_cast<std::size_t>(at)], &system.values[static_cast<std::size_t>(e * 144 + lane)]);
+      add(sparsity.node_of_slot[static_cast<std::size_t>(at)],
+          &system.values[static_cast<std::size_t>(e * 144 + lane)]);
     }
   }
   const std::vector<CoarseLevel> levels = build_coarse_levels(problem.body.mesh, 40);
@@ -153,8 +153,10 @@ TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
   for (const CoarseLevel& level : levels) {
     Eigen::MatrixXd up = Eigen::MatrixXd::Zero(p.cols(), level.node_count);
     for (Eigen::Index n = 0; n < p.cols(); ++n) {
-      const auto first = level.start[static_cast<std::size_t>(n)], last = level.start[static_cast<std::size_t>(n) + 1];
-      for (std::int32_t k = first; k < last; ++k) up(n, level.among[static_cast<std::size_t>(k)]) = 1.0 / (last - first);
+      const auto first = level.start[static_cast<std::size_t>(n)],
+                 last = level.start[static_cast<std::size_t>(n) + 1];
+      for (std::int32_t k = first; k < last; ++k)
+        up(n, level.among[static_cast<std::size_t>(k)]) = 1.0 / (last - first);
     }
     p = p * up;
     for (std::int64_t c = 0; c < level.node_count; ++c, ++global) {
@@ -169,7 +171,8 @@ TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
       for (std::int32_t k = problem.multigrid.corner_start[static_cast<std::size_t>(global)];
            k < problem.multigrid.corner_start[static_cast<std::size_t>(global) + 1]; ++k) {
         const float* b =
-            &problem.multigrid.stiffness[8 * static_cast<std::size_t>(problem.multigrid.corners[static_cast<std::size_t>(k)])];
+            &problem.multigrid.stiffness[8 * static_cast<std::size_t>(
+                                                 problem.multigrid.corners[static_cast<std::size_t>(k)])];
         Mat3 block;
         block << b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5];
         found += block;
@@ -212,7 +215,8 @@ TEST(Multigrid, BearsAnyContactStiffness) {
   }
 }
 
-// The error that is left is what the tolerance says, within a small factor: its norm is nearly that of energy.
+// The error that is left is what the tolerance says, within a small factor: its norm is nearly that of
+// energy.
 TEST(Multigrid, ToleranceIsCloseToTheErrorThatIsLeft) {
   for (double tolerance : {1e-2, 1e-3, 1e-4}) {
     Problem<double> problem(cube(10));
@@ -240,6 +244,43 @@ void expect_same_bits_everywhere() {
 TEST(Multigrid, GivesTheSameBitsOnEveryInstructionSetAndThreadCount) {
   expect_same_bits_everywhere<float>();
   expect_same_bits_everywhere<double>();
+}
+
+TEST(Multigrid, CellsAreAsStiffAsWhatIsLeftOfThem) {
+  const std::uint64_t seed = 41;
+  SCOPED_TRACE(seed);
+  Random random(seed);
+  Problem<double> problem(cloven_block(seed));
+  const Multigrid& m = problem.multigrid;
+  const auto& mesh = problem.body.mesh;
+  std::vector<std::uint8_t> alive;
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) alive.push_back(random_below(random, 3) > 0);
+  const auto set_up = [&](std::span<const std::uint8_t> which) {
+    set_up_multigrid<double>(m, problem.system.matrix(), problem.system.rotations, which,
+                             problem.system.solver.kernels, 1, problem.system.solver.levels);
+    return problem.system.solver.levels.turns;
+  };
+  const auto whole = set_up({}), torn = set_up(alive);
+  const auto cells = static_cast<std::size_t>(m.first_cell.back());
+  std::vector<double> left(cells, 0.0), all(cells, 0.0);
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    for (std::int32_t c = m.parent[e / 5]; c >= 0;
+         c = m.parent[mesh.cell_nodes.size() + static_cast<std::size_t>(c)]) {
+      all[static_cast<std::size_t>(c)] += 1;  // one material, tetrahedra of one size but for the middle ones
+      left[static_cast<std::size_t>(c)] += alive[e];
+    }
+  }
+  for (std::size_t c = 0; c < cells; ++c) {
+    double before = 0, after = 0;
+    for (std::size_t k = 0; k < 12; ++k) {
+      before += whole[12 * c + k] * whole[12 * c + k];
+      after += torn[12 * c + k] * torn[12 * c + k];
+    }
+    EXPECT_NEAR(before, 3, 1e-12);
+    EXPECT_NEAR(after / before, left[c] / all[c], 0.25) << c;  // the middle one has twice the volume
+    EXPECT_EQ(after < 3 - 1e-9, left[c] < all[c]);
+  }
+  EXPECT_EQ(set_up(std::vector<std::uint8_t>(mesh.tets.size(), 1)), whole);
 }
 
 TEST(Multigrid, HasNoLevelsWhereTheMeshIsSmall) {

@@ -72,7 +72,8 @@ struct KrylovMethod : Method {
     }
     if (preconditioner == "multigrid") {
       std::vector<double> weights = body.elements.node_mass;
-      multigrid = build_multigrid(body.mesh, body.elements, body.sparsity, body.step, weights, body.free_node);
+      multigrid =
+          build_multigrid(body.mesh, body.elements, body.sparsity, body.step, weights, body.free_node);
       use_multigrid(multigrid, body.sparsity.chunks, system.solver);
       set_up();
     }
@@ -86,7 +87,7 @@ struct KrylovMethod : Method {
                         system.body.contact_weight() * contact.normal * contact.normal.transpose(),
                         system.solver.levels);
     }
-    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, system.solver.kernels,
+    set_up_multigrid<Real>(multigrid, system.matrix(), system.rotations, {}, system.solver.kernels,
                            system.solver.threads, system.solver.levels);
   }
   SolveResult solve(double tolerance, int most) override {
