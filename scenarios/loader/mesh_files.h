@@ -1,7 +1,10 @@
 // Tool surfaces from files: OBJ, STL, PLY (and what else Assimp reads), checked.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
+#include <span>
 
 #include "engine/tool/rigid_body.h"
 
@@ -13,6 +16,14 @@ namespace sulcus {
 // empty, more than a million triangles, larger than a metre or smaller than a tenth of a millimetre (a wrong
 // unit), and what check_surface refuses.
 ToolSurface read_surface(const std::filesystem::path& path, double unit_m);
+
+// Writes a triangle mesh; the format follows the name: .ply, .stl (both binary) or .obj. positions: xyz
+// interleaved, m; in the file they are millimetres. Nothing half-written under that name. Throws InputError
+// for another ending and EnvironmentError if it cannot be written. check_surface_name: refuses other endings
+// alone.
+void write_surface(const std::filesystem::path& path, std::span<const double> positions,
+                   std::span<const std::array<std::int32_t, 3>> triangles);
+void check_surface_name(const std::filesystem::path& path);
 
 // A rigid body's surface must be closed, manifold (two triangles of opposite direction at every edge, one fan
 // around every vertex) and free of self-intersection. Throws InputError that begins with `name`, counts the

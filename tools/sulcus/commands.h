@@ -133,6 +133,15 @@ struct ExportOptions {
 };
 int export_volume_command(const ExportOptions& options);
 
+struct ExportSurfaceOptions {
+  std::filesystem::path recording;   // run.h5, or the folder of a run
+  double at_s = -1;                  // s; negative: the end
+  std::vector<std::int32_t> labels;  // empty: all
+  std::filesystem::path out;         // .ply, .stl or .obj
+  int smoothing_passes = 15;         // 0: the voxels' faces
+};
+int export_surface_command(const ExportSurfaceOptions& options);
+
 struct DiffOptions {
   std::filesystem::path a, b;  // folders of runs, or run.h5
   int threads = 0;

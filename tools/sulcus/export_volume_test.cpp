@@ -2,11 +2,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <Eigen/Geometry>
+
 #include <filesystem>
 #include <random>
 
 #include "engine/numerics/error.h"
 #include "scenarios/loader/images.h"
+#include "scenarios/loader/mesh_files.h"
 #include "scenarios/loader/scenario.h"
 #include "tools/sulcus/commands.h"
 
@@ -129,6 +132,46 @@ TEST_F(ExportVolume, OpenedShowsTheGapsWithTheFillValueAndCountsThem) {
 
 TEST_F(ExportVolume, TakesTheNearestFrame) {
   EXPECT_NE(export_volume(options("near.mha", 0.93)).find("at 1 s"), std::string::npos);
+}
+
+// The volume that a surface encloses, mm^3.
+double volume_of(const fs::path& path) {
+  const ToolSurface surface = read_surface(path, 1e-3);
+  double volume = 0;
+  for (const auto& [a, b, c] : surface.triangles) {
+    volume +=
+        surface.vertices[static_cast<std::size_t>(a)].dot(surface.vertices[static_cast<std::size_t>(b)].cross(
+            surface.vertices[static_cast<std::size_t>(c)])) /
+        6;
+  }
+  return 1e9 * volume;
+}
+
+TEST_F(ExportVolume, SurfaceOfALabelEnclosesItsVoxelsInEveryFormat) {
+  const LabelMap map = load_label_map(load_scenario(scenario(), overrides()));
+  const double voxel_mm3 = 1e9 * map.spacing[0] * map.spacing[1] * map.spacing[2];
+  for (const char* ending : {"ply", "stl", "obj"}) {
+    ExportSurfaceOptions surface{folder() / "run", 0, {2}, folder() / (std::string("two.") + ending), 0};
+    testing::internal::CaptureStdout();
+    ASSERT_EQ(export_surface_command(surface), 0);
+    testing::internal::GetCapturedStdout();
+    const auto voxels = std::count(map.labels.begin(), map.labels.end(), 2);
+    EXPECT_NEAR(volume_of(surface.out) / (static_cast<double>(voxels) * voxel_mm3), 1, 1e-4) << ending;
+  }
+}
+
+TEST_F(ExportVolume, SurfaceRefusesWhatItCannotDo) {
+  const auto refused = [&](const ExportSurfaceOptions& options, const std::string& says) {
+    try {
+      export_surface_command(options);
+      FAIL() << "accepted; expected: " << says;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find(says), std::string::npos) << error.what();
+    }
+  };
+  refused({folder() / "run", 0, {77}, folder() / "none.ply", 0}, "no voxel");
+  refused({folder() / "run", 0, {}, folder() / "none.vtk", 0}, "unknown format");
+  refused({folder() / "run", 99, {}, folder() / "none.ply", 0}, "behind the end");
 }
 
 TEST_F(ExportVolume, RefusesWhatItCannotDo) {

@@ -257,6 +257,23 @@ int command_line(int argc, char** argv) {
   export_app->add_option("--fill", exported.fill, "value of gaps and folds")->capture_default_str();
   export_app->callback([&] { code = sulcus::export_volume_command(exported); });
 
+  sulcus::ExportSurfaceOptions surface;
+  auto* surface_app =
+      app.add_subcommand("export-surface", "writes the deformed surface of a set of labels as triangles");
+  surface_app->footer("Example: sulcus export-surface out/run.h5 --labels 1015,1030 --out temporal.ply");
+  surface_app->add_option("RECORDING", surface.recording, "run.h5, or the folder of a run")->required();
+  surface_app->add_option("--at", surface.at_s, "s; the nearest recorded frame is taken (default: the end)")
+      ->check(CLI::NonNegativeNumber);
+  surface_app->add_option("--labels", surface.labels, "the labels that are one body (default: all)")
+      ->delimiter(',');
+  surface_app->add_option("--out", surface.out, ".ply, .stl or .obj, in world millimetres")->required();
+  surface_app
+      ->add_option("--smoothing", surface.smoothing_passes,
+                   "passes over the voxels' faces, each vertex kept within half a voxel")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
+  surface_app->callback([&] { code = sulcus::export_surface_command(surface); });
+
   sulcus::BlessOptions bless;
   bless.golden = SULCUS_GOLDEN_DIR;
   auto* bless_app = app.add_subcommand(
