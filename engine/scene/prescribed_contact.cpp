@@ -70,6 +70,7 @@ void lead_nodes(const Scene& scene, std::span<const DeviceSample> samples, const
 
 template <class Real>
 void impose_led(const Scene& scene, const State& state, Numbers<Real>& numbers, const Workspace& workspace) {
+  numbers.solver.sliding.clear();
   for (const LedNode& led : workspace.led) {
     const std::size_t first = block_entry(scene, led.node);
     Mat3 inverse = Mat3::Zero();
@@ -80,6 +81,8 @@ void impose_led(const Scene& scene, const State& state, Numbers<Real>& numbers, 
             static_cast<double>(numbers.system.diagonal[first + 16 * static_cast<std::size_t>(i)]);
       const Mat3 normal = led.normal * led.normal.transpose(), plane = Mat3::Identity() - normal;
       inverse = plane * (plane * block * plane + normal * block.trace()).inverse() * plane;
+      const auto offset = static_cast<std::int64_t>(solver_entry(scene, led.node, 0));
+      numbers.solver.sliding.push_back({offset / 48, offset, led.normal});
     }
     for (int i = 0; i < 9; ++i)
       numbers.system.inverse[first + 16 * static_cast<std::size_t>(i)] =

@@ -275,6 +275,10 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   }
   if (!scene.settings.motions.empty() || scene.settings.contact.prescribed)
     numbers->solver.prescribed.assign(numbers->solver.b.size(), Real(0));
+  if (scene.settings.contact.prescribed) {
+    numbers->solver.sliding.reserve(scene.mesh.rest_positions.size());
+    if (refined) numbers->refinement->solver.sliding.reserve(scene.mesh.rest_positions.size());
+  }
   numbers->borders.resize(scene.settings.tools.size());
   if (refined) numbers->refinement->borders.resize(scene.settings.tools.size());
   for (std::size_t t = 0; t < numbers->borders.size(); ++t) {

@@ -90,6 +90,19 @@ void subtract_border(const ToolBorder<Real>& border, const std::array<double, 6>
   }
 }
 
+// Takes the part along their normals out of the rows that slide.
+template <class Real>
+void project(const std::vector<SlidingRow>& sliding, Range chunks, Real* v) {
+  for (const SlidingRow& row : sliding) {
+    if (row.chunk < chunks.first || row.chunk >= chunks.last) continue;
+    Real* at = v + row.offset;
+    const double along = row.normal[0] * static_cast<double>(at[0]) +
+                         row.normal[1] * static_cast<double>(at[16]) +
+                         row.normal[2] * static_cast<double>(at[32]);
+    for (int i = 0; i < 3; ++i) at[16 * i] -= static_cast<Real>(along * row.normal[i]);
+  }
+}
+
 }  // namespace
 
 template <class Real>
@@ -154,6 +167,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         border_term += border_product(border, p, y);
         subtract_border(border, y, own_chunks, q);
       }
+      project(workspace.sliding, own_chunks, q);
       barrier.wait();
       return ordered_sum(workspace.pq) - border_term;
     };
@@ -168,6 +182,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         x[i] = p[i] = q[i] = Real(0);
         r[i] = workspace.b[static_cast<std::size_t>(i)];
       }
+      project(workspace.sliding, own_chunks, r);
       rz = advance(Real(0));
       if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
       start = std::sqrt(rz);
@@ -204,6 +219,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       result.broken = broken;
     }
   }
+  if (!workspace.sliding.empty()) find_residual(matrix, borders, workspace);
   return result;
 }
 

@@ -7,6 +7,7 @@
 
 #include "engine/fem/sparsity.h"
 #include "engine/numerics/aligned.h"
+#include "engine/numerics/types.h"
 #include "engine/solver/kernels.h"
 #include "engine/solver/multigrid.h"
 
@@ -42,6 +43,14 @@ struct ToolBorder {
 // as if that had gone on; matrix, borders and right-hand side must be those of that call.
 enum class Start { rest, guess, pause };
 
+// A node whose inverse diagonal block leaves it two directions, across those of the axes: rounding would let
+// its residual along the normal, a force of constraint, into the other two, so the search does without that
+// part of it.
+struct SlidingRow {
+  std::int64_t chunk = 0, offset = 0;  // as in ToolBorder::Row
+  Vec3 normal = Vec3::UnitX();         // unit
+};
+
 template <class Real>
 struct SolverWorkspace {
   AlignedVector<Real> b, x, r, z, p, q;  // solver vectors, 48 entries a chunk
@@ -51,7 +60,8 @@ struct SolverWorkspace {
   AlignedVector<Real> prescribed, guess;
   Start start = Start::rest;
   double size_of_start = 0, rz_at_end = 0;  // |b|, and r . z as the last call left it: for a pause
-  std::vector<double> pq, rz;               // one sum a block
+  std::vector<SlidingRow> sliding;
+  std::vector<double> pq, rz;  // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;
   // The preconditioner is the multigrid if it has levels (then `levels` must be set up for the matrix), else

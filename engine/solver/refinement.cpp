@@ -78,6 +78,7 @@ SolveResult refined_conjugate_gradients(const RowMatrix<double>& matrix,
   };
   if (workspace.start != Start::pause) {
     round_borders(borders, refinement.borders);
+    inner.sliding = workspace.sliding;
     for (std::size_t i = 0; i < workspace.x.size(); ++i)
       workspace.x[i] = workspace.prescribed.empty() ? 0 : workspace.prescribed[i];
     correct(0);
