@@ -3,6 +3,8 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <limits>
 #include <random>
 
 #include "engine/fem/assembly.h"
@@ -195,6 +197,48 @@ TEST(ConjugateGradients, GoOnAfterAPauseAsIfThereHadBeenNone) {
     EXPECT_EQ(rest.residual, whole.residual);
     EXPECT_EQ(paused.workspace.x, straight.workspace.x);
   }
+}
+
+// A node that is led far along a slanting direction and slides across it: the force that leads it is larger
+// than all residuals, and must not leak into the other two directions however long the search goes on.
+template <class Real>
+void expect_no_leak(double tolerance) {
+  Problem<Real> problem(false);
+  const std::size_t node = problem.mesh.rest_positions.size() / 2;
+  ASSERT_TRUE(problem.free_node[node]);
+  const Vec3 normal = Vec3(0.3, -0.5, 0.8).normalized();
+  const std::size_t entry = problem.slot(node, 0), first = entry / 48 * 144 + entry % 16;
+  Mat3 block;
+  for (int k = 0; k < 9; ++k)
+    block(k / 3, k % 3) =
+        static_cast<double>(problem.system.diagonal[first + 16 * static_cast<std::size_t>(k)]);
+  const Mat3 along = normal * normal.transpose(), plane = Mat3::Identity() - along;
+  const Mat3 inverse = plane * (plane * block * plane + along * block.trace()).inverse() * plane;
+  for (int k = 0; k < 9; ++k)
+    problem.system.inverse[first + 16 * static_cast<std::size_t>(k)] =
+        static_cast<Real>(inverse(k / 3, k % 3));
+  problem.workspace.sliding = {
+      {static_cast<std::int64_t>(entry / 48), static_cast<std::int64_t>(entry), normal}};
+  problem.workspace.prescribed.assign(problem.workspace.b.size(), Real(0));
+  for (std::size_t d = 0; d < 3; ++d)
+    problem.workspace.prescribed[problem.slot(node, d)] =
+        static_cast<Real>(50 * normal[static_cast<Eigen::Index>(d)]);
+  const SolveResult result =
+      conjugate_gradients(problem.matrix, problem.borders, tolerance, 0.0, 1000, problem.workspace);
+  EXPECT_TRUE(result.converged) << result.residual;
+  Vec3 x, r;
+  for (std::size_t d = 0; d < 3; ++d) {
+    x[static_cast<Eigen::Index>(d)] = static_cast<double>(problem.workspace.x[problem.slot(node, d)]);
+    r[static_cast<Eigen::Index>(d)] = static_cast<double>(problem.workspace.r[problem.slot(node, d)]);
+  }
+  EXPECT_NEAR(x.dot(normal), 50, 50 * 10 * std::numeric_limits<Real>::epsilon());
+  EXPECT_GT(r.norm(), 1e-2);  // the force that leads it is in the residual, along the normal alone
+  EXPECT_NEAR((r - r.dot(normal) * normal).norm() / r.norm(), 0, 10 * tolerance);
+}
+
+TEST(ConjugateGradients, ForcesOfConstraintDoNotLeak) {
+  expect_no_leak<double>(1e-11);
+  expect_no_leak<float>(1e-6);
 }
 
 TEST(ConjugateGradients, NothingToDoIsConvergedAtOnce) {
