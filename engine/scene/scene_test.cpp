@@ -282,6 +282,38 @@ TEST(Step, SolverErrorFollowsTheTolerance) {
   EXPECT_GT(errors[0], 0);
 }
 
+TEST(Step, SolverErrorOfAFixedBudgetIsWhatTheBudgetLeaves) {
+  double last = 1e9;
+  for (int budget : {2, 16, 64}) {
+    SceneDescription d = pressed_block(Precision::single_precision);
+    d.solver.tolerance = 1e-4;
+    d.solver.max_iterations = budget;
+    const Scene scene = build(std::move(d));
+    const State state = run(scene, 40, 1).back();
+    const DeviceSample sample = press(41 * scene.settings.step_s);
+    const double error = measure_solver_error(scene, std::span(&sample, 1), state, 1);
+    EXPECT_LT(error, 0.5 * last) << budget;
+    EXPECT_TRUE(budget > 2 || error > 0.1);
+    last = error;
+  }
+}
+
+TEST(Step, SmallTolerancesInSinglePrecisionReachWhatDoubleDoes) {
+  double errors[2];
+  int i = 0;
+  for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
+    SceneDescription d = pressed_block(precision);
+    d.solver.tolerance = 1e-8;
+    d.solver.velocity_floor_m_s = 0;
+    const Scene scene = build(std::move(d));
+    const State state = run(scene, 40, 1).back();
+    const DeviceSample sample = press(41 * scene.settings.step_s);
+    errors[i++] = measure_solver_error(scene, std::span(&sample, 1), state, 1);
+  }
+  EXPECT_LT(errors[0], 1e-6);
+  EXPECT_LT(errors[0], 10 * errors[1]);
+}
+
 TEST(Step, ErrorOfSinglePrecisionIsThatOfItsRoundingAndNoneInDouble) {
   for (Precision precision : {Precision::single_precision, Precision::double_precision}) {
     const Scene scene = build(pressed_block(precision));

@@ -436,13 +436,12 @@ namespace {
 // Increments of the velocities in the coming step, with the contacts of its start; the state stays as it is.
 template <class Real>
 std::vector<double> solve_step(const Scene& scene, std::span<const DeviceSample> samples, State state,
-                               int threads, double tolerance, double floor_m_s, bool refined = false) {
+                               int threads, const Effort& effort, bool refined = false) {
   WorkspacePtr workspace = make_workspace(scene, threads);
   find_contacts(scene, state, *workspace);
   if (scene.settings.contact.prescribed) lead_nodes(scene, samples, state, *workspace);
   const auto numbers = make_numbers<Real>(scene, threads, widest_isa(), refined);
-  assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr,
-                     {tolerance, floor_m_s, scene.settings.solver.max_iterations});
+  assemble_and_solve(scene, samples, state, *numbers, *workspace, nullptr, effort);
   return workspace->increments;
 }
 
@@ -458,27 +457,27 @@ double relative_error(const std::vector<double>& found, const std::vector<double
   return std::sqrt(error / std::max(size, nodes * resting_increment_m_s * resting_increment_m_s));
 }
 
-constexpr double reference_tolerance = 1e-10;
+constexpr Effort reference{1e-10, 0, 100000};
 
 }  // namespace
 
 double measure_solver_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                             int threads) {
   const SolverSettings& settings = scene.settings.solver;
-  const double tolerance = settings.tolerance, floor_m_s = settings.velocity_floor_m_s;
+  const Effort effort{settings.tolerance, settings.velocity_floor_m_s, settings.max_iterations};
   const bool single = settings.precision == Precision::single_precision;
-  return relative_error(
-      single && tolerance >= refined_below
-          ? solve_step<float>(scene, samples, state, threads, tolerance, floor_m_s)
-          : solve_step<double>(scene, samples, state, threads, tolerance, floor_m_s, single),
-      solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
+  return relative_error(single && settings.tolerance >= refined_below
+                            ? solve_step<float>(scene, samples, state, threads, effort)
+                            : solve_step<double>(scene, samples, state, threads, effort, single),
+                        solve_step<double>(scene, samples, state, threads, reference));
 }
 
 double measure_precision_error(const Scene& scene, std::span<const DeviceSample> samples, const State& state,
                                int threads) {
   if (scene.settings.solver.precision == Precision::double_precision) return 0;
-  return relative_error(solve_step<float>(scene, samples, state, threads, 1e-6, 0),
-                        solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
+  return relative_error(
+      solve_step<float>(scene, samples, state, threads, {1e-6, 0, reference.max_iterations}),
+      solve_step<double>(scene, samples, state, threads, reference));
 }
 
 std::vector<double> max_principal_stress(const Scene& scene, const State& state) {

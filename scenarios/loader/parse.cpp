@@ -347,6 +347,7 @@ void read_checks(const json& object, Scenario& scenario, Problems& problems) {
   read(object, "max_torn_elements", checks.max_torn_elements);
   read(object, "labels_stay", checks.labels_stay);
   read(object, "max_kinetic_energy_uJ", checks.max_kinetic_energy_J);
+  read(object, "converged_share", checks.min_converged_share);
   read(object, "energy_growth", checks.max_energy_growth);
   read(object, "max_hanging_elements", checks.max_hanging_elements);
   read(object, "min_hanging_energy_uJ", checks.min_hanging_energy_J);

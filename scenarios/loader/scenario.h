@@ -127,6 +127,7 @@ struct Checks {
   std::vector<std::int32_t> labels_stay;                             // no cell of these loses an element
   std::optional<std::int64_t> max_hanging_elements;                  // on a vertex or an edge, in any frame
   std::optional<double> min_hanging_energy_J;                        // J, peak of their kinetic energy
+  std::optional<double> min_converged_share;   // of the steps, by tolerance; none: 1
   std::optional<double> max_energy_growth;     // share of the peak, while device and tools rest; none: 0.01
   std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
   bool contact_expected = true;                // a run in which no tool touches the tissue fails

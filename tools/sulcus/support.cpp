@@ -111,6 +111,7 @@ StatementBounds bounds_of(const Scenario& scenario) {
   bounds.max_solver_error = scenario.checks.max_solver_error;
   bounds.max_final_displacement_m = scenario.checks.returns_to_rest_m;
   bounds.contact_expected = !scenario.scene.tools.empty() && scenario.checks.contact_expected;
+  if (scenario.checks.min_converged_share) bounds.min_converged_share = scenario.checks.min_converged_share;
   if (scenario.checks.max_energy_growth) bounds.max_energy_growth = scenario.checks.max_energy_growth;
   // prescribed motions, forces and gravity do work that the statement about energies at rest does not know
   if (!scenario.motions.empty() || !scenario.forces.empty() || scenario.scene.gravity.norm() > 0)

@@ -38,6 +38,10 @@ int summary_command(const fs::path& dir, const fs::path& golden) {
               1e3 * summary.total.p95_s);
   std::printf("%-16s median %.0f, at most %.0f a step\n", "iterations", summary.median_iterations,
               summary.max_iterations);
+  if (summary.converged_share < 1) {
+    std::printf("%-16s %.1f %% of the steps; the solver error says what that left\n", "stopped by cap",
+                100 * (1 - summary.converged_share));
+  }
   std::printf("%-16s median %.1e, at most %.1e of the velocity increment (%lld steps measured)\n",
               "solver error", summary.median_solver_error, summary.max_solver_error,
               static_cast<long long>(summary.solver_errors_measured));
