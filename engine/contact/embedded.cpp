@@ -12,27 +12,46 @@ struct Box {
   Vec3 low, high;
 };
 
-// Cells whose deformed box meets the tool's box, then their tetrahedra.
+// Tetrahedra whose deformed box meets the tool's: those without a side of the tool's box that all nodes are
+// beyond, of cells likewise. Flat ones hold no point.
 void collect_candidates(const EmbeddingMesh& mesh, std::span<const double> positions,
-                        std::span<const std::uint8_t> alive, const Box& box,
-                        std::vector<std::int32_t>& candidates) {
-  candidates.clear();
-  const auto meets = [&](const std::int32_t* nodes, int count) {
-    Vec3 low = node_vector(positions, nodes[0]), high = low;
-    for (int c = 1; c < count; ++c) {
-      const Vec3 x = node_vector(positions, nodes[c]);
-      low = low.cwiseMin(x);
-      high = high.cwiseMax(x);
+                        std::span<const std::uint8_t> alive, const Box& box, ContactSearch& search) {
+  const auto count = static_cast<std::int64_t>(mesh.rest_positions.size());
+  search.sides.resize(mesh.rest_positions.size());
+#pragma omp parallel for num_threads(search.threads) schedule(static)
+  for (std::int64_t node = 0; node < count; ++node) {
+    unsigned sides = 0;
+    for (unsigned a = 0; a < 3; ++a) {
+      const double x = positions[static_cast<std::size_t>(3 * node + a)];
+      sides |= static_cast<unsigned>(x < box.low[a]) << a | static_cast<unsigned>(x > box.high[a]) << (a + 3);
     }
-    return (low.array() <= box.high.array()).all() && (high.array() >= box.low.array()).all();
+    search.sides[static_cast<std::size_t>(node)] = static_cast<std::uint8_t>(sides);
+  }
+  const auto meets = [&](const std::int32_t* nodes, int nodes_count) {
+    unsigned all = 63;
+    for (int c = 0; c < nodes_count; ++c) all &= search.sides[static_cast<std::size_t>(nodes[c])];
+    return all == 0;
   };
+  search.candidates.clear();
   const auto per_cell = static_cast<std::size_t>(mesh.tets_per_cell);
   for (std::size_t cell = 0; cell < mesh.cell_nodes.size(); ++cell) {
     if (!meets(mesh.cell_nodes[cell].data(), 8)) continue;
     for (std::size_t tet = cell * per_cell; tet < (cell + 1) * per_cell; ++tet) {
-      if ((alive.empty() || alive[tet]) && meets(mesh.tets[tet].data(), 4)) {
-        candidates.push_back(static_cast<std::int32_t>(tet));
-      }
+      const auto& nodes = mesh.tets[tet];
+      if ((!alive.empty() && !alive[tet]) || !meets(nodes.data(), 4)) continue;
+      CandidateTet candidate;
+      candidate.tet = static_cast<std::int32_t>(tet);
+      candidate.origin = node_vector(positions, nodes[0]);
+      Mat3 edges;
+      for (int c = 0; c < 3; ++c)
+        edges.col(c) = node_vector(positions, nodes[static_cast<std::size_t>(c + 1)]) - candidate.origin;
+      const Vec3 first = edges.col(1).cross(edges.col(2));
+      const double det = edges.col(0).dot(first);
+      if (!(std::fabs(det) > 1e-24)) continue;
+      candidate.inverse.row(0) = first / det;
+      candidate.inverse.row(1) = edges.col(2).cross(edges.col(0)) / det;
+      candidate.inverse.row(2) = edges.col(0).cross(edges.col(1)) / det;
+      search.candidates.push_back(candidate);
     }
   }
 }
@@ -78,15 +97,15 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
       }
     }
   };
-  for (std::int32_t tet : search.candidates) {
-    for_cells_of(tet, [&](std::size_t cell) { ++search.cell_start[cell + 1]; });
+  for (const CandidateTet& candidate : search.candidates) {
+    for_cells_of(candidate.tet, [&](std::size_t cell) { ++search.cell_start[cell + 1]; });
   }
   for (std::size_t c = 0; c < count; ++c) search.cell_start[c + 1] += search.cell_start[c];
   search.cell_items.resize(static_cast<std::size_t>(search.cell_start[count]));
-  for (std::int32_t tet :
-       search.candidates) {  // fill from the front; starts shift by one and are restored below
-    for_cells_of(tet, [&](std::size_t cell) {
-      search.cell_items[static_cast<std::size_t>(search.cell_start[cell]++)] = tet;
+  // fill from the front; starts shift by one and are restored below
+  for (std::size_t n = 0; n < search.candidates.size(); ++n) {
+    for_cells_of(search.candidates[n].tet, [&](std::size_t cell) {
+      search.cell_items[static_cast<std::size_t>(search.cell_start[cell]++)] = static_cast<std::int32_t>(n);
     });
   }
   for (std::size_t c = count; c > 0; --c) search.cell_start[c] = search.cell_start[c - 1];
@@ -94,21 +113,10 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
   return grid;
 }
 
-// Barycentric coordinates of x in a deformed tetrahedron; false outside or where the tetrahedron is flat.
-bool barycentric(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
-                 const Vec3& x, std::array<double, 4>& weights) {
-  const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
-  const Vec3 x0 = node_vector(positions, nodes[0]);
-  const Vec3 a = node_vector(positions, nodes[1]) - x0;
-  const Vec3 b = node_vector(positions, nodes[2]) - x0;
-  const Vec3 c = node_vector(positions, nodes[3]) - x0;
-  const Vec3 d = x - x0;
-  const double det = a.dot(b.cross(c));
-  if (!(std::fabs(det) > 1e-24)) return false;
-  weights[1] = d.dot(b.cross(c)) / det;
-  weights[2] = a.dot(d.cross(c)) / det;
-  weights[3] = a.dot(b.cross(d)) / det;
-  weights[0] = 1 - weights[1] - weights[2] - weights[3];
+// Barycentric coordinates of x in a candidate; false outside.
+bool barycentric(const CandidateTet& candidate, const Vec3& x, std::array<double, 4>& weights) {
+  const Vec3 inner = candidate.inverse * (x - candidate.origin);
+  weights = {1 - inner[0] - inner[1] - inner[2], inner[0], inner[1], inner[2]};
   constexpr double edge = -1e-9;  // a point on a common face belongs to both
   return weights[0] >= edge && weights[1] >= edge && weights[2] >= edge && weights[3] >= edge;
 }
@@ -134,6 +142,9 @@ double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::
                            const Vec3& point_voxel, Voxel& nearest) {
   double best = -1;
   Index3 centre;
+  if (voxel_at(map, point_voxel, nearest) && mesh.cell_of_voxel[nearest.index] == cell) {
+    return (Vec3(nearest.at[0], nearest.at[1], nearest.at[2]) - point_voxel).squaredNorm();
+  }
   for (std::size_t a = 0; a < 3; ++a) {
     centre[a] = static_cast<int>(std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5));
   }
@@ -219,7 +230,7 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
     box.low = box.low.cwiseMin(v);
     box.high = box.high.cwiseMax(v);
   }
-  collect_candidates(mesh, positions, alive, box, search.candidates);
+  collect_candidates(mesh, positions, alive, box, search);
   if (search.candidates.empty()) return;
   const double cell_edge = mesh.voxels_per_cell[0] * map.spacing[0];
   const Grid grid = fill_grid(mesh, positions, box, cell_edge, search);
@@ -228,7 +239,7 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
 
   const auto count = static_cast<std::int64_t>(vertices_world.size());
   search.found.resize(vertices_world.size());
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for num_threads(search.threads) schedule(static)
   for (std::int64_t vertex = 0; vertex < count; ++vertex) {
     Contact& contact = search.found[static_cast<std::size_t>(vertex)];
     contact = Contact{};
@@ -241,9 +252,11 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
     Vec3 point_voxel;
     const std::size_t cell = grid.index(grid.along(0, p[0]), grid.along(1, p[1]), grid.along(2, p[2]));
     for (std::int32_t item = search.cell_start[cell]; item < search.cell_start[cell + 1]; ++item) {
-      const std::int32_t candidate = search.cell_items[static_cast<std::size_t>(item)];
+      const CandidateTet& tested =
+          search.candidates[static_cast<std::size_t>(search.cell_items[static_cast<std::size_t>(item)])];
       std::array<double, 4> weights;
-      if (!barycentric(mesh, positions, candidate, p, weights)) continue;
+      if (!barycentric(tested, p, weights)) continue;
+      const std::int32_t candidate = tested.tet;
       Vec3 rest = Vec3::Zero();
       for (std::size_t c = 0; c < 4; ++c) {
         rest +=

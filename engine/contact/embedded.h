@@ -46,11 +46,20 @@ struct Contact {
   Vec3 slip = Vec3::Zero();         // m/s, of the body along the tissue, where its friction is linearised
 };
 
+// A tetrahedron near the tool: weights of corners 1 to 3 are inverse * (x - origin).
+struct CandidateTet {
+  std::int32_t tet = 0;
+  Vec3 origin = Vec3::Zero();   // m, its corner 0
+  Mat3 inverse = Mat3::Zero();  // 1/m
+};
+
 // Scratch of the search; reused from step to step, content without meaning between calls.
 struct ContactSearch {
-  std::vector<std::int32_t> candidates;  // tets near the tool
-  std::vector<std::int32_t> cell_start, cell_items;
-  std::vector<Contact> found;  // [vertices]; depth 0 = none
+  int threads = 1;
+  std::vector<std::uint8_t> sides;       // [nodes] on which sides of the tool's box a node lies, as bits
+  std::vector<CandidateTet> candidates;  // near the tool
+  std::vector<std::int32_t> cell_start, cell_items;  // of a grid over the tool's box: candidates
+  std::vector<Contact> found;                        // [vertices]; depth 0 = none
 };
 
 // Appends the contacts of one tool in order of its vertices. vertices_world and arms: [vertices].

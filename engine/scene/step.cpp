@@ -399,6 +399,8 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
     for (const Tool& tool : scene.settings.tools) most = std::max(most, tool.surface.vertices.size());
     workspace->vertices.reserve(most);
     workspace->search.found.reserve(most);
+    workspace->search.threads = threads;
+    workspace->search.sides.reserve(nodes);
     workspace->search.candidates.reserve(scene.mesh.tets.size());
     workspace->search.cell_items.reserve(8 * scene.mesh.tets.size());
     workspace->search.cell_start.reserve(16 * 16 * 16 + 1);
