@@ -12,7 +12,8 @@ namespace sulcus {
 
 namespace {
 
-constexpr double force_balance_bound = 1e-6;  // relative, see the header
+constexpr double force_balance_bound = 5e-6;  // relative, see the header
+constexpr double still_energy_J = 1e-12;      // likewise
 constexpr std::int64_t shortest_window = 3;   // steps
 const std::string statement = "statement";
 
@@ -272,7 +273,8 @@ Check check_energy_at_rest(const RunData& run, const StatementBounds& bounds) {
     begin = end + 1;
   }
   const double largest = std::isnan(growth.value) ? growth.value : std::max(growth.value, 0.0);
-  return check_at_most(name, statement, largest, *bounds.max_energy_growth * peak, "J", growth.comparisons,
+  return check_at_most(name, statement, largest, std::max(*bounds.max_energy_growth * peak, still_energy_J),
+                       "J", growth.comparisons,
                        growth.comparisons == 0
                            ? "device and tools never rest for " + std::to_string(shortest_window) + " steps"
                            : growth.place + "; " + std::to_string(growth.comparisons) + " resting steps");

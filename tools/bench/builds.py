@@ -86,12 +86,17 @@ def read_history(name):
     return json.load(open(path)) if os.path.exists(path) else []
 
 
-def add_to_history(name, why, entry):
-    """Appends an entry with commit, day and reason."""
+def require_reason_and_commit(why):
+    """An entry is of a commit: builds its programs."""
     if not why.strip():
         raise Problem("--why is empty; say what changed and why, for those who review it")
     if git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!golden"):
         raise Problem("the tree has changes that are not committed; an entry names a commit: commit first", 2)
+    build(ROOT)
+
+
+def add_to_history(name, why, entry):
+    """Appends an entry with commit, day and reason."""
     whole = {"commit": git("rev-parse", "--short=12", "HEAD"), "day": datetime.date.today().isoformat(), "why": why}
     whole.update(entry)
     history = read_history(name) + [whole]

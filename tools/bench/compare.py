@@ -8,7 +8,8 @@ import os
 import re
 import statistics
 
-from builds import (OWN, ROOT, TARGETS, Problem, add_to_history, build, export, git, output_of, processor)
+from builds import (OWN, ROOT, TARGETS, Problem, add_to_history, build, export, git, output_of, processor,
+                    require_reason_and_commit)
 
 LEAST_REPETITIONS = 9
 LEAST_EFFECT = 0.05
@@ -147,6 +148,7 @@ def noise(times):
 
 
 def record(why):
+    require_reason_and_commit(why)
     programs = own_programs()
     all_samples = [sample(programs) for _ in range(LEAST_REPETITIONS)]
     times = {name: {"median": statistics.median(s[name][0] for s in all_samples),

@@ -9,7 +9,8 @@ import re
 import shutil
 import tempfile
 
-from builds import OWN, Problem, add_to_history, compiler, output_of, processor, read_history
+from builds import OWN, Problem, add_to_history, compiler, output_of, processor, read_history,
+                    require_reason_and_commit
 
 MOST_RISE = 0.03
 # Steps enough to touch, to tear, to let go.
@@ -98,6 +99,7 @@ def check(programs=os.path.join(OWN, "tools")):
 
 
 def bless(why):
+    require_reason_and_commit(why)
     counted = count_all()
     history = read_history("counts")
     if history:
