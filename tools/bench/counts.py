@@ -9,8 +9,8 @@ import re
 import shutil
 import tempfile
 
-from builds import OWN, Problem, add_to_history, compiler, output_of, processor, read_history,
-                    require_reason_and_commit
+from builds import (OWN, Problem, add_to_history, compiler, output_of, processor, read_history,
+                    require_reason_and_commit)
 
 MOST_RISE = 0.03
 # Steps enough to touch, to tear, to let go.
