@@ -148,6 +148,19 @@ TEST_F(Statements, EnergyThatCreepsUpAtRestIsFound) {
   EXPECT_FALSE(check("energy_at_rest").passed);
 }
 
+TEST_F(Statements, EnergyThatNobodyAccountsForIsFound) {
+  for (const char* term : {"put_in_J", "kinetic_J", "elastic_J", "residual_J"}) {
+    Series& series = run_.series[std::string("energy/") + term];
+    series.components = 1;
+    series.values.assign(300, 0.0);
+  }
+  number("energy/put_in_J", 299) = 2;
+  number("energy/residual_J", 120) = -1.9e-3;
+  EXPECT_TRUE(check("energy_ledger").passed);
+  number("energy/residual_J", 120) = -2.1e-3;
+  expect_only_failure("energy_ledger", "at step 120");
+}
+
 // A contact that was found and dropped again leaves what the solver leaves: no share of that means anything.
 TEST_F(Statements, EnergyOfUntouchedTissueMayBeASolversRest) {
   for (std::size_t n = 0; n < 300; ++n) {

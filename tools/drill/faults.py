@@ -89,7 +89,7 @@ FAULTS = [
           "        (!FAULT && drop_pulling_contacts(scene, state, workspace, report)) || released;", CYLINDER, "statement"),
     Fault("output filter left out", STEP,
           "filtered[d] += scene.filter_alpha[t] *", "filtered[d] += (FAULT ? 1.0 : scene.filter_alpha[t]) *",
-          "brain_sylvian_retraction", "values"),
+          "cube_sphere_b", "values"),
     Fault("positions moved by the old velocity", STEP,
           "state.positions[i] += h * state.velocities[i];",
           "state.positions[i] += h * (state.velocities[i] - (FAULT ? workspace.increments[i] : 0.0));", CYLINDER, "values"),
@@ -106,7 +106,7 @@ FAULTS = [
     Fault("solver stops a hundred times too early", GRADIENTS,
           "const double goal = std::fmax(tolerance * start, floor);",
           "const double goal = std::fmax((FAULT ? 100 : 1) * tolerance * start, floor);", CYLINDER, "statement"),
-    Fault("sum in the order of the threads", GRADIENTS,
+    Fault("sum in single precision and in the order of the threads", GRADIENTS,
           "return ordered_sum(workspace.pq) - border_term;",
           "return (FAULT ? sulcus_drill::sum_by_threads(workspace.pq, workspace.threads) : ordered_sum(workspace.pq)) -\n"
           "             border_term;", "brain_sylvian_retraction", "bits"),
