@@ -35,7 +35,7 @@ FAULTS = [
           CYLINDER, "statement"),
     Fault("tool not eliminated from the right-hand side", SYSTEM,
           "+ 16 * i] -= static_cast<Real>(sum);", "+ 16 * i] -= FAULT ? Real(0) : static_cast<Real>(sum);",
-          CYLINDER, "statement"),
+          CYLINDER, "values"),
     Fault("sign of the rotational coupling", SYSTEM,
           "h * (coupling.rotational_stiffness_N_m_rad * tool.misalignment +",
           "h * ((FAULT ? -1.0 : 1.0) * coupling.rotational_stiffness_N_m_rad * tool.misalignment +", CYLINDER, "values"),
