@@ -102,7 +102,8 @@ struct SceneDescription {
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
   std::vector<Obstacle> obstacles;
-  ContactLaw contact;  // of the tools
+  std::vector<Vec3> start_positions;  // [nodes] m, where they are before the first step; empty: at rest
+  ContactLaw contact;                 // of the tools
   ContactDetection detection = ContactDetection::embedded_vertices;
   std::optional<FractureSettings> fracture;  // none: no stress is computed, nothing tears
   SolverSettings solver;

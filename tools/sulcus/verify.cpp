@@ -75,7 +75,7 @@ int report_command(const ReportOptions& options) {
     input.description = scenario.description;
     input.run = &run;
     input.checks = check_run(run, dir, options.golden);
-    if (!options.golden.empty())
+    if (!options.golden.empty() && scenario.golden.kept)
       input.golden = golden_bands(golden_folder(options.golden, run.header.scenario_name));
     for (const fs::path& file : picture_files(dir)) {
       std::string caption = file.stem().string().substr(3);
