@@ -130,7 +130,7 @@ table.suite tr.failed th[scope=row] { box-shadow: inset 4px 0 var(--bad); }
   table.suite tr { display: grid; grid-template-columns: 1fr 1fr; padding: 8px 4px; border-top: 1px solid var(--line); }
   table.suite td, table.suite th[scope=row] { display: block; border: 0; padding: 1px 8px; text-align: left; font-size: .82rem; }
   table.suite th[scope=row], table.suite td[data-label=fingerprint] { grid-column: 1 / -1; }
-  table.suite th[scope=row] { font-size: 1rem; }
+  table.suite th[scope=row] { font-size: 1rem; } table.suite td[data-label=fingerprint] { order: 1; }
   table.suite td::before { content: attr(data-label) ": "; color: var(--pale); font-weight: 400; }
 }
 </style>
