@@ -47,6 +47,8 @@ struct Found {
   std::string detail;
 };
 
+const Found not_recorded{nothing, 0, "its series is not recorded for every step; record the run again"};
+
 // The largest of number(step) over the window; NaN is larger than anything.
 template <class Number>
 Found largest(const Window& window, Number&& number) {
@@ -142,6 +144,11 @@ Found measure_tool(const RunData& run, const Measure& measure) {
     return largest(window, [&](std::int64_t n) { return vector_at(*force, n).norm(); });
   if (measure.what == "penetration_mm")
     return largest(window, [&](std::int64_t n) { return 1e3 * depth->values[static_cast<std::size_t>(n)]; });
+  if (measure.what == "contacts") {
+    const Series* contacts = series_of(run, "tools/" + number + "/contacts", 1);
+    if (contacts == nullptr) return not_recorded;
+    return largest(window, [&](std::int64_t n) { return contacts->values[static_cast<std::size_t>(n)]; });
+  }
   if (measure.what == "pull_N") {
     const Vec3 away = measure.along.normalized();
     return largest(window, [&](std::int64_t n) { return std::max(0.0, -vector_at(*force, n).dot(away)); });
@@ -191,7 +198,29 @@ Found opening(const RunData& run, const Measure& measure) {
   return found;
 }
 
+Found displacement(const RunData& run, const Measure& measure) {
+  const Series* series = series_of(run, "tissue/max_displacement_m", 1);
+  if (series == nullptr) return not_recorded;
+  const auto at = [&](std::int64_t n) { return 1e3 * series->values[static_cast<std::size_t>(n)]; };
+  Found most = largest(window_of(run, measure), at);
+  if (measure.what == "drift_mm")
+    most.value += largest(window_of(run, measure), [&](std::int64_t n) { return -at(n); }).value;
+  return most;
+}
+
+Found path_force(const RunData& run, const Measure& measure) {
+  const auto& names = run.header.motion_names;
+  const auto path = std::find(names.begin(), names.end(), measure.path);
+  if (path == names.end()) return {nothing, 0, "there is no motion \"" + measure.path + "\""};
+  const std::string number = std::to_string(path - names.begin());
+  const Series* force = series_of(run, "motions/" + number + "/force_N", 3);
+  if (force == nullptr) return not_recorded;
+  return largest(window_of(run, measure), [&](std::int64_t n) { return vector_at(*force, n).norm(); });
+}
+
 Found find(const RunData& run, const Measure& measure) {
+  if (measure.what == "displacement_mm" || measure.what == "drift_mm") return displacement(run, measure);
+  if (measure.what == "path_force_N") return path_force(run, measure);
   if (measure.what == "least_position_mm") return least_position(run, measure.along);
   if (measure.what == "opening_mm") return opening(run, measure);
   return measure_tool(run, measure);
@@ -202,7 +231,8 @@ Found find(const RunData& run, const Measure& measure) {
 std::vector<Check> check_measures(const RunData& run, std::span<const Measure> measures) {
   std::vector<Check> checks;
   for (const Measure& measure : measures) {
-    const std::string name = measure.tool.empty() ? measure.what : measure.what + "/" + measure.tool;
+    const std::string of = measure.tool + measure.path;  // one of them at most
+    const std::string name = of.empty() ? measure.what : measure.what + "/" + of;
     const std::string unit = measure.what.substr(measure.what.rfind('_') + 1);
     const Found found = find(run, measure);
     if (measure.at_least)

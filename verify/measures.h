@@ -16,6 +16,7 @@ namespace sulcus {
 // Of one tool, over the steps that end within [from_s, to_s]:
 //
 //   contact_force_N    largest |force of the tissue on the tool|
+//   contacts           most contacts of a step
 //   penetration_mm     deepest contact
 //   pull_N             largest part of that force against `along`, the way by which the tool leaves the
 //                      tissue: what sticks; 0 if the tissue never pulls
@@ -35,9 +36,13 @@ namespace sulcus {
 //   opening_mm         largest distance between two nodes that share a place at rest, over the recorded
 //   frames
 //                      of the window: how wide a fissure is open
+//   displacement_mm    largest displacement of a node from rest
+//   drift_mm           by how much that varies within the window
+//   path_force_N       largest force on the nodes of the path (a motion of the scenario) named `path`
 struct Measure {
   std::string what;  // a name from above
   std::string tool;  // a tool's name; empty for measures of the tissue
+  std::string path;  // a motion's name, of path_force_N
   double from_s = 0, to_s = std::numeric_limits<double>::infinity();  // s
   double above_Hz = 0;
   double within_rad = 0;
@@ -45,8 +50,8 @@ struct Measure {
   std::optional<double> at_least, at_most;  // in the unit that the name ends with
 };
 
-// One check of kind "statement" for each bound, named "<what>/<tool>" or "<what>". Names that are not known,
-// windows without a step and series that are not recorded give failed checks.
+// One check of kind "statement" for each bound, named "<what>/<tool>", "<what>/<path>" or "<what>". Names
+// that are not known, windows without a step and series that are not recorded give failed checks.
 std::vector<Check> check_measures(const RunData& run, std::span<const Measure> measures);
 
 }  // namespace sulcus

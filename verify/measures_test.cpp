@@ -172,5 +172,32 @@ TEST(Measures, HaveACheckForEachBoundAndFailWithoutData) {
   EXPECT_FALSE(check_measures(run, std::span(&force, 1))[0].passed);
 }
 
+TEST(Measures, OfTissueAndPathsAreThoseOfTheirWindow) {
+  RunData run;
+  run.header.step_s = 0.1;
+  run.header.tool_names = {"ball"};
+  run.header.motion_names = {"one", "two"};
+  run.steps = 4;
+  run.series = {{"tissue/max_displacement_m", {"m", 1, {0.009, 0.002, 0.005, 0.004}}},
+                {"motions/0/force_N", {"N", 3, std::vector<double>(12, 0.0)}},
+                {"motions/1/force_N", {"N", 3, {0, 0, 9, 3, 0, 0, 0, 4, 3, 0, 0, 1}}}};
+  const auto value = [&](const std::string& what, const std::string& path) {
+    Measure measure = measure_of(what);
+    measure.path = path;
+    measure.from_s = 0.2;
+    measure.at_most = 1;
+    return check_measures(run, std::span(&measure, 1)).at(0).value;
+  };
+  EXPECT_NEAR(value("displacement_mm", ""), 5, 1e-12);
+  EXPECT_NEAR(value("drift_mm", ""), 3, 1e-12);
+  EXPECT_NEAR(value("path_force_N", "two"), 5, 1e-12);
+  EXPECT_EQ(value("path_force_N", "one"), 0);
+  EXPECT_TRUE(std::isnan(value("path_force_N", "three")));
+  Measure contacts = measure_of("contacts");
+  contacts.tool = "ball";
+  contacts.at_least = 0;
+  EXPECT_FALSE(check_measures(run, std::span(&contacts, 1)).at(0).passed);  // not recorded
+}
+
 }  // namespace
 }  // namespace sulcus

@@ -2,24 +2,36 @@
 // compiler does not see both halves of a pair at once and mistake them for a mismatch.
 #include "engine/scene/allocation_count.h"
 
+#include <malloc.h>
+
 #include <atomic>
 #include <cstdlib>
 #include <new>
 
 namespace {
 
-std::atomic<long> allocations{0};
+std::atomic<long> allocations{0}, held{0};
 
 void* counted(void* p) {
   ++allocations;
   if (p == nullptr) throw std::bad_alloc();
+  held += static_cast<long>(malloc_usable_size(p));
   return p;
+}
+
+void give_back(void* p) {
+  held -= static_cast<long>(malloc_usable_size(p));
+  std::free(p);
 }
 
 }  // namespace
 
 long sulcus::allocation_count() {
   return allocations;
+}
+
+long sulcus::bytes_held() {
+  return held;
 }
 
 void* operator new(std::size_t size) {
@@ -30,14 +42,14 @@ void* operator new(std::size_t size, std::align_val_t alignment) {
   return counted(std::aligned_alloc(a, (size + a - 1) / a * a));
 }
 void operator delete(void* p) noexcept {
-  std::free(p);
+  give_back(p);
 }
 void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
+  give_back(p);
 }
 void operator delete(void* p, std::align_val_t) noexcept {
-  std::free(p);
+  give_back(p);
 }
 void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
+  give_back(p);
 }

@@ -127,6 +127,12 @@ void check(const SceneDescription& d, std::int64_t nodes) {
           "fracture");
     }
   }
+  if (!d.start_positions.empty() && d.start_positions.size() != static_cast<std::size_t>(nodes))
+    refuse("the number of start positions", static_cast<double>(d.start_positions.size()),
+           "one for each of the " + std::to_string(nodes) + " nodes, or none");
+  for (const Vec3& position : d.start_positions) {
+    if (!position.allFinite()) throw InputError("scene: a start position is not finite");
+  }
   for (const NodeForce& load : d.forces) {
     check_node(load.node);
     if (!load.force_N.allFinite()) throw InputError("scene: a force on a node is not finite");
@@ -169,7 +175,8 @@ bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& me
   const auto reach_m2 = [&](const Material& material) {
     const double beta = material.damping.value_or(description.damping).beta_s;
     const double nu = material.poisson_ratio;
-    const double modulus = material.youngs_modulus_Pa * (1 - nu) / ((1 + nu) * (1 - 2 * nu));  // lambda + 2 mu
+    const double modulus =
+        material.youngs_modulus_Pa * (1 - nu) / ((1 + nu) * (1 - 2 * nu));  // lambda + 2 mu
     return h * (beta + h) * modulus / material.density_kg_m3;
   };
   double reach = reach_m2(description.material);

@@ -102,7 +102,8 @@ struct SceneDescription {
   std::vector<PrescribedMotion> motions;
   std::vector<Tool> tools;
   std::vector<Obstacle> obstacles;
-  ContactLaw contact;  // of the tools
+  std::vector<Vec3> start_positions;  // [nodes] m, where they are before the first step; empty: at rest
+  ContactLaw contact;                 // of the tools
   ContactDetection detection = ContactDetection::embedded_vertices;
   std::optional<FractureSettings> fracture;  // none: no stress is computed, nothing tears
   SolverSettings solver;
@@ -145,10 +146,10 @@ struct Scene {
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 
-// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what Preconditioner::automatic
-// goes by. A disturbance travels sqrt((beta h + h^2) (lambda + 2 mu) / rho) in a step, by the stiffest of the
-// materials, and block-Jacobi carries it one cell further in each iteration; multigrid pays where that is more
-// than ten cells and the mesh is no single layer (docs/decisions/0005).
+// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what
+// Preconditioner::automatic goes by. A disturbance travels sqrt((beta h + h^2) (lambda + 2 mu) / rho) in a
+// step, by the stiffest of the materials, and block-Jacobi carries it one cell further in each iteration;
+// multigrid pays where that is more than ten cells and the mesh is no single layer (docs/decisions/0005).
 bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh);
 
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a

@@ -8,7 +8,8 @@ State initial_state(const Scene& scene, std::span<const DeviceSample> samples) {
   assert(samples.size() == scene.settings.tools.size());
   State state;
   state.positions.reserve(scene.mesh.rest_positions.size() * 3);
-  for (const Vec3& x : scene.mesh.rest_positions) {
+  const std::vector<Vec3>& start = scene.settings.start_positions;
+  for (const Vec3& x : start.empty() ? scene.mesh.rest_positions : start) {
     for (int d = 0; d < 3; ++d) state.positions.push_back(x[d]);
   }
   state.velocities.assign(state.positions.size(), 0.0);

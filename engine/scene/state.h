@@ -22,8 +22,8 @@ struct State {
   std::vector<double> filtered_forces;    // [6*tools], N and N m, displayed to the hand
 };
 
-// At rest, without the singular vertices and edges that the mesh itself may have if the scene fractures and
-// avoids them; tools at the poses of their first samples, nothing moving.
+// At rest, or at the scene's start positions; without the singular vertices and edges that the mesh itself
+// may have if the scene fractures and avoids them; tools at the poses of their first samples, nothing moving.
 State initial_state(const Scene& scene, std::span<const DeviceSample> samples);
 
 // Calls visit(name, span) for every array of the state in a fixed order: "step", "positions", ... The span is

@@ -34,9 +34,13 @@ std::vector<ScenarioSummary> list_scenarios(const std::filesystem::path& directo
     throw InputError(directory.string() + ": this directory does not exist");
   }
   std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(directory)) {
-    if (entry.is_regular_file() && entry.path().extension() == ".json") files.push_back(entry.path());
-  }
+  const auto look_in = [&](const std::filesystem::path& folder) {
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+      if (entry.is_regular_file() && entry.path().extension() == ".json") files.push_back(entry.path());
+    }
+  };
+  look_in(directory);
+  if (std::filesystem::is_directory(directory / "hard", error)) look_in(directory / "hard");
   std::sort(files.begin(), files.end());
 
   std::vector<ScenarioSummary> summaries;

@@ -1,6 +1,7 @@
 // Scenario -> Scene: label map, mesh, nodes of the boundary.
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <set>
 
 #include "engine/numerics/error.h"
@@ -71,6 +72,20 @@ struct Operate {
   }
   std::int64_t operator()(const PaintBoxOperation& box) const {
     return paint(map, box.label, [&](const Vec3& centre) { return within(centre, box.min_m, box.max_m); });
+  }
+
+  std::int64_t operator()(const SpeckleOperation& speckle) const {
+    std::mt19937_64 random(speckle.seed);
+    std::int64_t changed = 0;
+    for (std::int32_t& label : map.labels) {
+      if (label == 0) continue;
+      const double drawn = static_cast<double>(random() >> 11) * 0x1p-53;  // [0, 1)
+      const std::int32_t to = speckle.to[random() % speckle.to.size()];
+      if (!(drawn < speckle.share) || label == to) continue;
+      label = to;
+      ++changed;
+    }
+    return changed;
   }
 
   // Grows from the voxels at the faces of pairs, a voxel at a time, within the labelled ones.
@@ -222,6 +237,20 @@ void hold_nodes(const Scenario& scenario, const EmbeddingMesh& mesh, SceneDescri
   }
 }
 
+// Nodes that are fixed or on a path start at rest, all others where the deformation takes them.
+void deform(const InitialDeformation& initial, const EmbeddingMesh& mesh, SceneDescription& description) {
+  std::vector<Vec3>& start = description.start_positions;
+  for (const Vec3& rest : mesh.rest_positions)
+    start.push_back(initial.centre_m + initial.gradient * (rest - initial.centre_m));
+  const auto stay = [&](std::int32_t node) {
+    start[static_cast<std::size_t>(node)] = mesh.rest_positions[static_cast<std::size_t>(node)];
+  };
+  for (const std::int32_t node : description.fixed_nodes) stay(node);
+  for (const PrescribedMotion& motion : description.motions) {
+    for (const std::int32_t node : motion.nodes) stay(node);
+  }
+}
+
 // Cells with any voxel of a prevailing label are made of it, of the first such label in ascending order.
 void prefer_labels(const LabelMap& map, std::vector<std::int32_t> labels, EmbeddingMesh& mesh) {
   std::sort(labels.rbegin(), labels.rend());
@@ -317,7 +346,7 @@ LabelMap load_label_map(const Scenario& scenario, std::vector<std::string>* note
     if (notes == nullptr) continue;
     static constexpr std::array names = {"relabel",           "keep_labels",         "keep_box_mm",
                                          "paint_box_mm",      "layer_between_pairs", "fill_voids",
-                                         "drop_pieces_below", "crop_to_content"};
+                                         "drop_pieces_below", "crop_to_content",     "speckle"};
     notes->push_back(std::string("label map: ") + names[operation.index()] + " changed " +
                      std::to_string(changed) + " voxels");
   }
@@ -338,6 +367,7 @@ Scene make_scene(const Scenario& scenario, std::vector<std::string>* warnings,
   EmbeddingMesh mesh = build_embedding(description.map, description.pairs, description.embedding);
   if (!scenario.prevailing_labels.empty()) prefer_labels(description.map, scenario.prevailing_labels, mesh);
   hold_nodes(scenario, mesh, description, told);
+  if (scenario.initial) deform(*scenario.initial, mesh, description);
   return build_scene(std::move(description), std::move(mesh));
 }
 

@@ -10,8 +10,8 @@
 #include "engine/numerics/error.h"
 #include "engine/volume/separation.h"
 #include "scenarios/loader/devices.h"
-#include "scenarios/loader/images.h"
 #include "scenarios/loader/parse_json.h"
+#include "scenarios/loader/parse_label_map.h"
 #include "scenarios/loader/parse_pictures.h"
 #include "scenarios/loader/parse_tools.h"
 
@@ -27,125 +27,6 @@ std::optional<std::int32_t> label_of_key(const std::string& key, const std::stri
   problems.push_back(pointer + "/" + key + ": found the label " + key +
                      ", expected a whole number within 32 bits, not 0");
   return std::nullopt;
-}
-
-LabelMapSource read_generated(const json& generate) {
-  if (generate.contains("cylinder_three_segments")) {
-    const json& object = generate["cylinder_three_segments"];
-    CylinderThreeSegments shape;
-    read_mm(object, "diameter_mm", shape.diameter_m);
-    read_mm(object, "length_mm", shape.length_m);
-    read_mm(object, "voxel_size_mm", shape.voxel_size_m);
-    read_mm(object, "gap_mm", shape.gap_m);
-    read_mm(object, "gap_from_y_mm", shape.gap_from_y_m);
-    return shape;
-  }
-  if (generate.contains("box")) {
-    BoxSegment shape;
-    read_mm(generate["box"], "size_mm", shape.size_m);
-    read_mm(generate["box"], "voxel_size_mm", shape.voxel_size_m);
-    read(generate["box"], "label", shape.label);
-    return shape;
-  }
-  if (generate.contains("balls")) {
-    const json& object = generate["balls"];
-    BallsSegment shape;
-    for (const json& entry : object["balls"]) {
-      BallsSegment::Ball& ball = shape.balls.emplace_back();
-      read_mm(entry, "centre_mm", ball.centre_m);
-      read_mm(entry, "radius_mm", ball.radius_m);
-    }
-    read_mm(object, "blend_mm", shape.blend_m);
-    read_mm(object, "voxel_size_mm", shape.voxel_size_m);
-    read(object, "label", shape.label);
-    return shape;
-  }
-  if (generate.contains("drawing")) {
-    DrawnSegments drawing;
-    read(generate["drawing"], "rows", drawing.rows);
-    read_mm(generate["drawing"], "voxel_size_mm", drawing.voxel_size_m);
-    drawing.thickness_m = drawing.voxel_size_m;
-    read_mm(generate["drawing"], "thickness_mm", drawing.thickness_m);
-    return drawing;
-  }
-  SphereSegment shape;
-  read_mm(generate["sphere"], "diameter_mm", shape.diameter_m);
-  read_mm(generate["sphere"], "voxel_size_mm", shape.voxel_size_m);
-  read(generate["sphere"], "label", shape.label);
-  return shape;
-}
-
-void check_box(const Vec3& min_m, const Vec3& max_m, const std::string& pointer, Problems& problems) {
-  if (!(min_m.array() <= max_m.array()).all()) {
-    problems.push_back(pointer + ": max is less than min along an axis; swap them");
-  }
-}
-
-// missing: what to say if optional data are not here.
-void read_label_map(const json& object, const std::filesystem::path& directory, Scenario& scenario,
-                    std::string& missing, Problems& problems) {
-  if (object.contains("file") == object.contains("generate")) {
-    problems.push_back("/label_map: expected exactly one of \"file\" and \"generate\"");
-    return;
-  }
-  if (object.contains("file")) {
-    const std::filesystem::path file = directory / object["file"].get<std::string>();
-    scenario.map_source = file;
-    if (std::error_code error; object.contains("optional") && !std::filesystem::exists(file, error)) {
-      missing = "/label_map/file: the optional data " + file.lexically_normal().string() +
-                " are not here, so this scenario is left out; " + object["optional"].get<std::string>();
-    } else {
-      collect(problems, "/label_map/file", [&] {
-        for (const auto& input : label_map_files(file)) scenario.input_files.push_back(input);
-      });
-    }
-  } else {
-    scenario.map_source = read_generated(object["generate"]);
-  }
-  std::size_t number = 0;
-  for (const json& operation : object.value("operations", json::array())) {
-    const std::string pointer = "/label_map/operations/" + std::to_string(number++);
-    if (operation.contains("relabel")) {
-      RelabelOperation relabel;
-      read(operation["relabel"], "from", relabel.from);
-      read(operation["relabel"], "to", relabel.to);
-      scenario.map_operations.emplace_back(relabel);
-    } else if (operation.contains("keep_labels")) {
-      scenario.map_operations.emplace_back(
-          KeepLabelsOperation{operation["keep_labels"].get<std::vector<std::int32_t>>()});
-    } else if (operation.contains("paint_box_mm")) {
-      const json& paint = operation["paint_box_mm"];
-      PaintBoxOperation box;
-      read_mm(paint, "min", box.min_m);
-      read_mm(paint, "max", box.max_m);
-      read(paint, "label", box.label);
-      check_box(box.min_m, box.max_m, pointer + "/paint_box_mm", problems);
-      scenario.map_operations.emplace_back(box);
-    } else if (operation.contains("fill_voids")) {
-      scenario.map_operations.emplace_back(FillVoidsOperation{});
-    } else if (operation.contains("drop_pieces_below")) {
-      DropPiecesOperation drop;
-      read(operation["drop_pieces_below"], "voxels", drop.below_voxels);
-      read(operation["drop_pieces_below"], "mm3", drop.below_m3);
-      drop.below_m3 *= 1e-9;
-      scenario.map_operations.emplace_back(drop);
-    } else if (operation.contains("crop_to_content")) {
-      CropOperation crop;
-      read(operation["crop_to_content"], "margin_voxels", crop.margin_voxels);
-      scenario.map_operations.emplace_back(crop);
-    } else if (operation.contains("layer_between_pairs")) {
-      LayerOperation layer;
-      read(operation["layer_between_pairs"], "label", layer.label);
-      read(operation["layer_between_pairs"], "voxels", layer.voxels);
-      scenario.map_operations.emplace_back(layer);
-    } else {
-      KeepBoxOperation box;
-      read_mm(operation["keep_box_mm"], "min", box.min_m);
-      read_mm(operation["keep_box_mm"], "max", box.max_m);
-      check_box(box.min_m, box.max_m, pointer + "/keep_box_mm", problems);
-      scenario.map_operations.emplace_back(box);
-    }
-  }
 }
 
 void read_material(const json& object, const RayleighDamping& scene_damping, Material& material) {
@@ -255,6 +136,16 @@ void read_boundary(const json& object, Scenario& scenario, Problems& problems) {
   read_motions(object.value("motions", json::array()), scenario, problems);
 }
 
+void read_initial(const json& object, Scenario& scenario) {
+  InitialDeformation& initial = scenario.initial.emplace();
+  if (object.contains("deformation_gradient")) {
+    for (Eigen::Index i = 0; i < 9; ++i)
+      initial.gradient(i / 3, i % 3) =
+          object["deformation_gradient"][static_cast<std::size_t>(i)].get<double>();
+  }
+  read_mm(object, "centre_mm", initial.centre_m);
+}
+
 void read_fracture(const json& object, Scenario& scenario, Problems& problems) {
   FractureSettings& fracture = scenario.scene.fracture.emplace();
   fracture.criterion = object.value("criterion", "tensile") == "tensile"
@@ -306,12 +197,18 @@ void read_time(const json& object, Scenario& scenario, Problems& problems) {
   }
 }
 
+bool is_measure_of_tissue(const std::string& what) {
+  return what == "least_position_mm" || what == "opening_mm" || what == "displacement_mm" ||
+         what == "drift_mm" || what == "path_force_N";
+}
+
 void read_measures(const json& list, Scenario& scenario, Problems& problems) {
   for (const json& object : list) {
     const std::string pointer = "/checks/measures/" + std::to_string(scenario.checks.measures.size());
     MeasureBounds measure;
     read(object, "what", measure.what);
     read(object, "tool", measure.tool);
+    read(object, "path", measure.path);
     read(object, "from_s", measure.from_s);
     read(object, "to_s", measure.to_s);
     read(object, "above_Hz", measure.above_Hz);
@@ -321,9 +218,15 @@ void read_measures(const json& list, Scenario& scenario, Problems& problems) {
     read(object, "at_most", measure.at_most);
     const auto is_named = [&](const Tool& tool) { return tool.name == measure.tool; };
     const std::vector<Tool>& tools = scenario.scene.tools;
-    if (measure.what == "least_position_mm" || measure.what == "opening_mm") {
+    const auto& motions = scenario.motions;
+    const auto is_path = [&](const MotionRegion& motion) { return motion.name == measure.path; };
+    if (measure.what != "path_force_N" && !measure.path.empty())
+      problems.push_back(pointer + "/path: this is no measure of a path; leave it out");
+    if (is_measure_of_tissue(measure.what)) {
       if (!measure.tool.empty())
         problems.push_back(pointer + "/tool: this is no measure of a tool; leave it out");
+      if (measure.what == "path_force_N" && std::none_of(motions.begin(), motions.end(), is_path))
+        problems.push_back(pointer + "/path: found \"" + measure.path + "\", expected the name of a motion");
     } else if (std::none_of(tools.begin(), tools.end(), is_named)) {
       problems.push_back(pointer + "/tool: found \"" + measure.tool + "\", expected the name of a tool");
     }
@@ -376,6 +279,7 @@ void read_colours(const json& object, Scenario& scenario, Problems& problems) {
 }
 
 void read_golden(const json& object, GoldenSettings& golden) {
+  read(object, "kept", golden.kept);
   read(object, "picture_conformity", golden.picture_conformity);
   read(object, "picture_block_distance", golden.picture_block_distance);
 }
@@ -413,6 +317,7 @@ Scenario parse_scenario(const json& document, const std::string& place,
   }
   read_time(document["time"], scenario, problems);
   read_boundary(part(document, "boundary"), scenario, problems);
+  if (document.contains("initial")) read_initial(document["initial"], scenario);
   read_tools(document.value("tools", json::array()), directory, scenario, problems);
   read_contact(part(document, "contact"), scenario.scene);
   read_obstacles(document.value("obstacles", json::array()), directory, scenario, problems);

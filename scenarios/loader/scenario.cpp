@@ -27,6 +27,23 @@ std::string read_text(const std::filesystem::path& path) {
   return text.str();
 }
 
+// The document that a patch ("based_on") makes of the scenario it names; others are left as they are.
+// base: the file of that scenario, if there is one.
+nlohmann::json with_base(nlohmann::json document, const std::string& place,
+                         const std::filesystem::path& directory, std::filesystem::path& base) {
+  if (!document.is_object() || !document.contains("based_on")) return document;
+  if (!document["based_on"].is_string())
+    throw InputError(place + ": /based_on: expected the name of a scenario file");
+  base = directory / document["based_on"].get<std::string>();
+  nlohmann::json whole = parse_json(read_text(base), base.string());
+  if (whole.is_object() && whole.contains("based_on"))
+    throw InputError(place + ": /based_on: " + base.string() + " is a patch itself; name the scenario that " +
+                     "it is based on");
+  document.erase("based_on");
+  whole.merge_patch(document);
+  return whole;
+}
+
 }  // namespace
 
 std::int64_t Scenario::steps() const {
@@ -36,11 +53,14 @@ std::int64_t Scenario::steps() const {
 Scenario load_scenario_text(const std::string& text, const std::string& place,
                             const std::filesystem::path& directory,
                             const std::vector<std::string>& overrides) {
-  nlohmann::json document = parse_json(text, place);
+  std::filesystem::path base;
+  nlohmann::json document = with_base(parse_json(text, place), place, directory, base);
   for (const std::string& override_text : overrides) apply_override(document, override_text);
   const std::vector<std::string> violations = schema_violations(document);
   if (!violations.empty()) throw InputError(list_problems(place, violations));
-  return parse_scenario(document, place, directory);
+  Scenario scenario = parse_scenario(document, place, directory);
+  if (!base.empty()) scenario.input_files.insert(scenario.input_files.begin(), base);
+  return scenario;
 }
 
 Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides) {

@@ -5,8 +5,10 @@
 //   Scene scene = make_scene(scenario, &warnings);
 //   auto devices = make_devices(scenario);
 //
-// The file format is scenario.schema.json. Every key carries its unit; positions are world millimetres in the
-// physical space of the image. Here everything is in SI units.
+// The file format is scenario.schema.json. A file with the key "based_on" is a patch (JSON Merge Patch, RFC
+// 7396: objects are joined, all else is replaced, null removes) of the scenario that it names. Every key
+// carries its unit; positions are world millimetres in the physical space of the image. Here everything is in
+// SI units.
 #pragma once
 
 #include <array>
@@ -61,9 +63,14 @@ struct DropPiecesOperation {
 struct CropOperation {
   int margin_voxels = 0;  // kept around the labelled voxels
 };
+struct SpeckleOperation {        // errors of a segmentation
+  double share = 0;              // of the labelled voxels, drawn at random, become ...
+  std::vector<std::int32_t> to;  // ... one of these, drawn at random; 0 empties them
+  std::uint64_t seed = 1;
+};
 using LabelOperation =
     std::variant<RelabelOperation, KeepLabelsOperation, KeepBoxOperation, PaintBoxOperation, LayerOperation,
-                 FillVoidsOperation, DropPiecesOperation, CropOperation>;
+                 FillVoidsOperation, DropPiecesOperation, CropOperation, SpeckleOperation>;
 
 // Nodes by their rest position: a box, infinite where the file says nothing. Borders belong to it. With
 // labels, only nodes of cells that are made of one of them.
@@ -90,6 +97,12 @@ struct MotionRegion {
   ScriptedTrajectory script;     // its position is the shift
 };
 
+// Where the tissue starts: a node that is not held stands at centre + gradient (X - centre).
+struct InitialDeformation {
+  Mat3 gradient = Mat3::Identity();
+  Vec3 centre_m = Vec3::Zero();  // m, world
+};
+
 struct PlaneRegion {
   NodeRegion nodes;
   int axis = 0;  // 0..2: along which they keep their place
@@ -97,7 +110,7 @@ struct PlaneRegion {
 
 // A number taken from the run and held between bounds; what each name means is said in the schema.
 struct MeasureBounds {
-  std::string what, tool;
+  std::string what, tool, path;
   double from_s = 0, to_s = std::numeric_limits<double>::infinity();  // s
   double above_Hz = 0;
   double within_rad = 0;
@@ -181,8 +194,9 @@ struct Pictures {
   std::vector<Shot> shots;
 };
 
-// How the pictures of a run are compared with its golden ones: after CIELAB, as an eye would.
+// What is kept as golden, and how its pictures are compared: after CIELAB, as an eye would.
 struct GoldenSettings {
+  bool kept = true;                    // false: none, the run is judged by its statements alone
   double picture_conformity = 0.995;   // share of pixels that must look the same
   double picture_block_distance = 10;  // Delta E of the means of any 4 x 4 pixels, at most
 };
@@ -198,6 +212,7 @@ struct Scenario {
   std::vector<ForceRegion> forces;
   std::vector<PlaneRegion> planes;
   std::vector<MotionRegion> motions;
+  std::optional<InitialDeformation> initial;
   std::vector<std::int32_t> prevailing_labels;  // of which a cell is made if it has any voxel of them
   std::vector<ToolHand> hands;                  // [tools]
   double duration_s = 0;                        // s; the run has steps() steps
@@ -208,7 +223,7 @@ struct Scenario {
   std::map<std::int32_t, std::array<std::uint8_t, 3>> label_colours;  // red, green, blue
   GoldenSettings golden;
   std::string resolved_json;                       // the text after the overrides, what a recording keeps
-  std::vector<std::filesystem::path> input_files;  // scenario file and label map, for hashing
+  std::vector<std::filesystem::path> input_files;  // scenario file, its base, label map, for hashing
   std::vector<std::string> warnings;  // what is odd but not wrong; for the caller to print and record
 
   std::int64_t steps() const;  // whole number nearest to duration / step
@@ -250,8 +265,8 @@ std::vector<std::unique_ptr<Device>> make_devices(const Scenario& scenario);
 // The schema of the format (JSON Schema draft 7), compiled in.
 const std::string& scenario_schema();
 
-// For lists of scenarios: name, title and description without checking the rest. Sorted by file name; a file
-// that is no scenario gets its error in `error`.
+// For lists of scenarios: those in the directory and in its folder "hard", with name, title and description,
+// sorted by path; a file that is no valid scenario gets its error in `error`.
 struct ScenarioSummary {
   std::filesystem::path path;
   std::string name, title, description;

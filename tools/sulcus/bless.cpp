@@ -107,6 +107,8 @@ int bless_command(const BlessOptions& options) {
   const TemporaryFolder temporary;
   refuse_unclean_tree(options.golden, temporary.path / "git.log");
   const Scenario scenario = load_scenario(find_scenario(options.scenario));
+  if (!scenario.golden.kept)
+    throw InputError(options.scenario + ": it keeps no golden (/golden/kept is false); bless another one");
 
   const RunData run = record(options, {}, true, temporary.path / "run");
   const std::vector<Check> statements = check_run(run, temporary.path / "run", {});

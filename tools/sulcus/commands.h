@@ -164,6 +164,12 @@ struct FuzzOptions {
 };
 int fuzz_command(const FuzzOptions& options);
 
+struct PerfReportOptions {
+  std::filesystem::path history;  // folder of counts.json and times.json
+  std::filesystem::path out = "performance.html";
+};
+int perf_report_command(const PerfReportOptions& options);
+
 int list_command(const std::filesystem::path& directory);
 
 }  // namespace sulcus

@@ -298,6 +298,16 @@ int command_line(int argc, char** argv) {
   fuzz_app->add_option("--out", fuzz.out, "folder for the scenarios that fail")->capture_default_str();
   fuzz_app->callback([&] { code = sulcus::fuzz_command(fuzz); });
 
+  sulcus::PerfReportOptions performance;
+  performance.history = SULCUS_GOLDEN_DIR "/performance";
+  auto* performance_app =
+      app.add_subcommand("perf-report", "draws trend lines of instruction counts and times over the commits");
+  performance_app->footer("Example: sulcus perf-report --out /tmp/performance.html");
+  performance_app->add_option("--history", performance.history, "folder of counts.json and times.json")
+      ->capture_default_str();
+  performance_app->add_option("--out", performance.out, "HTML file")->capture_default_str();
+  performance_app->callback([&] { code = sulcus::perf_report_command(performance); });
+
   std::string scenarios = SULCUS_SCENARIO_DIR;
   auto* list_app = app.add_subcommand("list", "shows the scenarios");
   list_app->footer("Example: sulcus list");

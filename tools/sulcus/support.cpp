@@ -36,8 +36,10 @@ std::map<std::string, std::string> build_provenance() {
 fs::path find_scenario(const std::string& name_or_path) {
   if (fs::exists(name_or_path)) return name_or_path;
   for (const fs::path& directory : {fs::path("scenarios"), fs::path(SULCUS_SCENARIO_DIR)}) {
-    const fs::path path = directory / (name_or_path + ".json");
-    if (fs::exists(path)) return path;
+    for (const fs::path& folder : {directory, directory / "hard"}) {
+      const fs::path path = folder / (name_or_path + ".json");
+      if (fs::exists(path)) return path;
+    }
   }
   throw InputError(name_or_path + ": no such scenario; give a JSON file, or a name that `sulcus list` shows");
 }
@@ -171,7 +173,7 @@ std::vector<Measure> measures_of(const Scenario& scenario) {
   std::vector<Measure> measures;
   for (const MeasureBounds& m : scenario.checks.measures) {
     measures.push_back(
-        {m.what, m.tool, m.from_s, m.to_s, m.above_Hz, m.within_rad, m.along, m.at_least, m.at_most});
+        {m.what, m.tool, m.path, m.from_s, m.to_s, m.above_Hz, m.within_rad, m.along, m.at_least, m.at_most});
   }
   return measures;
 }
@@ -192,7 +194,7 @@ std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const 
     check_peaks(run, scenario, checks);
     for (Check& check : check_measures(run, measures_of(scenario))) checks.push_back(std::move(check));
   }
-  if (!golden.empty()) {
+  if (!golden.empty() && scenario.golden.kept) {
     const fs::path folder = golden_folder(golden, run.header.scenario_name);
     for (Check& check : compare_golden(run, folder)) checks.push_back(std::move(check));
     for (Check& check : check_pictures(run_dir, folder, scenario.golden)) checks.push_back(std::move(check));

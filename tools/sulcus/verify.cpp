@@ -72,7 +72,7 @@ int report_command(const ReportOptions& options) {
     input.description = scenario.description;
     input.run = &run;
     input.checks = check_run(run, dir, options.golden);
-    if (!options.golden.empty()) {
+    if (!options.golden.empty() && scenario.golden.kept) {
       const fs::path golden = golden_folder(options.golden, run.header.scenario_name);
       input.golden = golden_bands(golden);
       input.differences = differing_pictures(dir, golden, scenario.golden);
