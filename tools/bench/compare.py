@@ -15,7 +15,7 @@ LEAST_REPETITIONS = 9
 LEAST_EFFECT = 0.05
 LEVEL = 0.01
 SCENES = {"cylinder_retraction": 100, "fracture_pull_hinges": 60, "four_labels": 60}
-KERNELS = "^(rotations|assembly|product|iteration|solve)<single>/cubes_14x14x20/1/"
+KERNELS = "^(rotations|product|iteration)<single>/cubes_14x14x20/1/"
 
 
 def sample(programs):
