@@ -133,6 +133,7 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
     const std::string colour = std::string(" lc rgb '") + colours[c % std::size(colours)] + "'";
     if (chart.kind == ChartKind::stacked) return " with filledcurves y1=0" + colour;
     if (chart.kind == ChartKind::points) return " with points pt 7 ps 0.5" + colour;
+    if (chart.kind == ChartKind::trend) return " with linespoints pt 7 ps 0.5 lw 1.6" + colour;
     return " with lines lw 1.6" + colour;
   };
   // Piles are painted from the highest down, each over the one before; the key keeps the order of the curves.

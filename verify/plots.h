@@ -18,11 +18,11 @@ struct Band {
   std::vector<double> x, low, high;  // of equal length
 };
 
-enum class ChartKind { lines, stacked, points };
+enum class ChartKind { lines, stacked, points, trend };
 
 struct Chart {
   std::string title, x_label, y_label;  // units in brackets: "force [N]"
-  ChartKind kind = ChartKind::lines;    // stacked: curves share x and are piled up in order
+  ChartKind kind = ChartKind::lines;    // stacked: curves share x and are piled up in order; trend: lines with a mark at each point
   std::vector<Curve> curves;
   std::vector<Band> bands;
   bool log_y = false;  // values <= 0 leave a gap

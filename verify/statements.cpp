@@ -1,10 +1,12 @@
 #include "verify/statements.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
 
+#include "engine/mesh/topology.h"
 #include "verify/series.h"
 #include "verify/torn_statements.h"
 
@@ -12,7 +14,9 @@ namespace sulcus {
 
 namespace {
 
-constexpr double force_balance_bound = 1e-6;  // relative, see the header
+constexpr double force_balance_bound = 5e-6;  // relative, see the header
+constexpr double energy_ledger_bound = 1e-3;  // likewise
+constexpr double still_energy_J = 1e-12;      // likewise
 constexpr std::int64_t shortest_window = 3;   // steps
 const std::string statement = "statement";
 
@@ -176,6 +180,20 @@ Check check_pieces(const RunData& run) {
   return check;
 }
 
+// Counted anew, from the recorded mesh.
+Check check_declared_pieces(const std::string& name, const RunHeader& mesh,
+                            std::span<const std::uint8_t> alive, std::int64_t declared) {
+  std::vector<std::array<std::int32_t, 4>> tets(mesh.tets.size() / 4);
+  for (std::size_t t = 0; t < tets.size(); ++t) std::copy_n(&mesh.tets[4 * t], 4, tets[t].begin());
+  const auto found = static_cast<std::int64_t>(mesh_pieces(tets, mesh.node_count(), alive).item_count.size());
+  Check check = check_at_most(name, statement, static_cast<double>(std::abs(found - declared)), 0, "",
+                              static_cast<std::int64_t>(tets.size()),
+                              "pieces of the mesh, declared: " + std::to_string(declared));
+  check.value = static_cast<double>(found);
+  check.bound = static_cast<double>(declared);
+  return check;
+}
+
 Check check_inverted(const RunData& run) {
   const auto inverted = run.numbers.find("inverted_elements_at_end");
   if (inverted == run.numbers.end())
@@ -272,10 +290,29 @@ Check check_energy_at_rest(const RunData& run, const StatementBounds& bounds) {
     begin = end + 1;
   }
   const double largest = std::isnan(growth.value) ? growth.value : std::max(growth.value, 0.0);
-  return check_at_most(name, statement, largest, *bounds.max_energy_growth * peak, "J", growth.comparisons,
+  return check_at_most(name, statement, largest, std::max(*bounds.max_energy_growth * peak, still_energy_J),
+                       "J", growth.comparisons,
                        growth.comparisons == 0
                            ? "device and tools never rest for " + std::to_string(shortest_window) + " steps"
                            : growth.place + "; " + std::to_string(growth.comparisons) + " resting steps");
+}
+
+// The books of energy close: what the solver left over, which nothing else accounts for.
+Check check_energy_ledger(const RunData& run) {
+  const std::string name = "energy_ledger";
+  Worst residual;
+  double largest = 0;
+  const Series& left_over = *series_of(run, "energy/residual_J", 1);
+  for (const char* term : {"put_in_J", "kinetic_J", "elastic_J"}) {
+    const Series* series = series_of(run, std::string("energy/") + term, 1);
+    if (series == nullptr) return unrecorded(name, std::string("energy/") + term);
+    for (std::int64_t n = 0; n < run.steps; ++n) largest = std::max(largest, number_at(*series, n));
+  }
+  for (std::int64_t n = 0; n < run.steps; ++n)
+    residual.add(std::abs(number_at(left_over, n)), [&] { return at_step(n); });
+  return check_at_most(name, statement, residual.value,
+                       std::max(energy_ledger_bound * largest, still_energy_J), "J", residual.comparisons,
+                       residual.place);
 }
 
 Check check_kinetic_energy(const RunData& run, double bound_J) {
@@ -316,10 +353,21 @@ std::vector<Check> check_statements(const RunData& run, const StatementBounds& b
   if (tools && bounds.max_displayed_force_N)
     checks.push_back(check_displayed_force(run, *bounds.max_displayed_force_N));
   checks.push_back(check_pieces(run));
+  if (bounds.pieces_at_start) {
+    checks.push_back(run.frames.empty()
+                         ? failed_check("pieces_at_start", statement, "the run has no frame")
+                         : check_declared_pieces("pieces_at_start", run.header, run.frames.front().alive,
+                                                 *bounds.pieces_at_start));
+  }
+  if (bounds.pieces_at_end) {
+    checks.push_back(
+        check_declared_pieces("pieces_at_end", run.header, run.final_state.alive, *bounds.pieces_at_end));
+  }
   checks.push_back(check_inverted(run));
   if (bounds.min_converged_share) checks.push_back(check_converged(run, *bounds.min_converged_share));
   if (bounds.max_solver_error) checks.push_back(check_solver_error(run, *bounds.max_solver_error));
   if (bounds.max_energy_growth) checks.push_back(check_energy_at_rest(run, bounds));
+  if (series_of(run, "energy/residual_J", 1) != nullptr) checks.push_back(check_energy_ledger(run));
   if (bounds.torn) {
     for (Check& check : check_torn(run, *bounds.torn)) checks.push_back(std::move(check));
   }

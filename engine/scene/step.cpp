@@ -431,6 +431,12 @@ double measure_precision_error(const Scene& scene, std::span<const DeviceSample>
                         solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
 }
 
+std::vector<Contact> contacts_in(const Scene& scene, const State& state) {
+  const WorkspacePtr workspace = make_workspace(scene, 1);
+  find_contacts(scene, state, *workspace);
+  return workspace->contacts;
+}
+
 std::vector<double> max_principal_stress(const Scene& scene, const State& state) {
   return largest_principal_stress(scene.elements, scene.mesh.rest_positions, state.positions, state.alive);
 }

@@ -7,8 +7,10 @@
 // Names: kernel<precision>/body/threads. best_us: the shortest of the calls (others may use the machine);
 // share: of the least time that the measured bandwidth or rate (`label`) allows; error: |single - double| /
 // |double| of the kernel's result, for rotations the largest difference from an SVD, for solves |dv - dv*| /
-// |dv*| against double precision to 1e-10.
+// |dv*| against double precision to 1e-10; MB of a solve: matrix and vectors, without the body. With
+// --without_limits the machine is not measured and no share is given.
 #include <benchmark/benchmark.h>
+#include <malloc.h>
 #include <omp.h>
 
 #include <Eigen/SVD>
@@ -40,7 +42,13 @@ SolverKernels<Real> solver_table();
 
 namespace {
 
-MachineLimits machine[3];  // [threads]
+MachineLimits machine[3];  // [threads]; zero: not measured
+
+// In use from the heap, bytes.
+double heap_bytes() {
+  const struct mallinfo2 info = mallinfo2();
+  return static_cast<double>(info.uordblks + info.hblkhd);
+}
 
 // Runs `call` as often as the benchmark asks for, and reports the best time.
 template <class Call>
@@ -285,7 +293,10 @@ void iteration(benchmark::State& state, const PressedBody& body, int threads) {
 
 template <class Real>
 void solve(benchmark::State& state, const PressedBody& body, int threads) {
+  const double before = heap_bytes();
   BodySystem<Real> c(body, threads);
+  state.counters["MB"] = 1e-6 * (heap_bytes() - before);
+  state.counters["tets"] = static_cast<double>(body.mesh.tets.size());
   SolveResult result;
   Demand needed = iteration_demand<Real>(body);
   result = conjugate_gradients(c.matrix(), {}, 1e-3, 0.0, 2000, c.solver);
@@ -299,55 +310,69 @@ void solve(benchmark::State& state, const PressedBody& body, int threads) {
   state.counters["error"] = relative_difference(c.solver.x, reference.solver.x);
 }
 
+// Made when a benchmark that was asked for first needs it.
+struct LazyBody {
+  std::string name;
+  std::unique_ptr<PressedBody> made;
+
+  const PressedBody* get() {
+    if (!made) {
+      if (auto mesh = bench_mesh(name))
+        made = std::make_unique<PressedBody>(make_body(name, std::move(mesh->mesh)));
+    }
+    return made.get();
+  }
+};
+
 template <class Function>
-void add(const std::string& kernel, const PressedBody& body, int threads, const Function& function) {
-  benchmark::RegisterBenchmark((kernel + "/" + body.name + "/" + std::to_string(threads)).c_str(), function)
+void add(const std::string& kernel, LazyBody& body, int threads, const Function& function) {
+  benchmark::RegisterBenchmark((kernel + "/" + body.name + "/" + std::to_string(threads)).c_str(),
+                               [&body, function](benchmark::State& state) {
+                                 if (const PressedBody* made = body.get()) {
+                                   function(state, *made);
+                                 } else {
+                                   state.SkipWithError("its image is absent");
+                                 }
+                               })
       ->UseManualTime()
       ->Unit(benchmark::kMicrosecond);
 }
 
 template <class Real>
-void add_kernels(const PressedBody& body, const std::string& precision) {
-  add("rotations<" + precision + ">", body, 1, [&](benchmark::State& s) { rotations<Real>(s, body); });
+void add_kernels(LazyBody& lazy, const std::string& precision) {
+  using benchmark::State;
+  add("rotations<" + precision + ">", lazy, 1,
+      [](State& s, const PressedBody& body) { rotations<Real>(s, body); });
   for (int threads : {1, 2}) {
-    add("assembly<" + precision + ">", body, threads,
-        [&body, threads](benchmark::State& s) { assembly<Real>(s, body, threads); });
+    add("assembly<" + precision + ">", lazy, threads,
+        [threads](State& s, const PressedBody& body) { assembly<Real>(s, body, threads); });
     const std::pair<const char*, Part> parts[] = {
         {"elements_and_edges", Part::elements}, {"forces", Part::forces}, {"rows_and_inverses", Part::rows}};
     for (const auto& [name, part] : parts) {
-      add(std::string(name) + "<" + precision + ">", body, threads,
-          [&body, threads, part = part](benchmark::State& s) {
+      add(std::string(name) + "<" + precision + ">", lazy, threads,
+          [threads, part = part](State& s, const PressedBody& body) {
             assembly_part<Real>(s, body, threads, part);
           });
     }
-    add("product<" + precision + ">", body, threads,
-        [&body, threads](benchmark::State& s) { product<Real>(s, body, threads); });
-    add("iteration<" + precision + ">", body, threads,
-        [&body, threads](benchmark::State& s) { iteration<Real>(s, body, threads); });
-    add("solve<" + precision + ">", body, threads,
-        [&body, threads](benchmark::State& s) { solve<Real>(s, body, threads); });
+    add("product<" + precision + ">", lazy, threads,
+        [threads](State& s, const PressedBody& body) { product<Real>(s, body, threads); });
+    add("iteration<" + precision + ">", lazy, threads,
+        [threads](State& s, const PressedBody& body) { iteration<Real>(s, body, threads); });
+    add("solve<" + precision + ">", lazy, threads,
+        [threads](State& s, const PressedBody& body) { solve<Real>(s, body, threads); });
   }
 }
 
-std::vector<std::unique_ptr<PressedBody>> make_bodies() {
-  std::vector<std::unique_ptr<PressedBody>> bodies;
-  for (const char* name : {"cubes_10x10x11", "cubes_12x14x17", "cubes_14x14x20", "cubes_24x24x24",
-                           "cubes_27x59x10", "jhu189_15mm", "jhu189_10mm", "jhu189_5mm"}) {
-    auto made = bench_mesh(name);
-    if (made) {
-      bodies.push_back(std::make_unique<PressedBody>(make_body(name, std::move(made->mesh))));
-    } else {
-      std::fprintf(stderr, "without %s: its image is absent\n", name);
-    }
-  }
-  return bodies;
-}
+constexpr const char* body_names[] = {"cubes_5x5x8",    "cubes_10x10x11", "cubes_12x14x17", "cubes_14x14x20",
+                                      "cubes_24x24x24", "cubes_27x59x10", "cubes_40x50x50", "jhu189_15mm",
+                                      "jhu189_10mm",    "jhu189_5mm"};
 
 void print_limits() {
   for (int threads : {1, 2}) {
     machine[threads] = measure_limits(threads);
     const MachineLimits& m = machine[threads];
-    std::printf(
+    std::fprintf(
+        stderr,
         "%d thread%s, %s: read %.0f GB/s L2 (%lld KB a core), %.0f L3, %.0f DRAM; %.0f Gflop/s single, %.0f "
         "double\n",
         threads, threads > 1 ? "s" : "", isa_name(widest_isa()), 1e-9 * m.l2_B_s,
@@ -361,12 +386,14 @@ void print_limits() {
 
 int main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
-  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
-  sulcus::print_limits();
-  const auto bodies = sulcus::make_bodies();
-  for (const auto& body : bodies) {
-    sulcus::add_kernels<float>(*body, "single");
-    sulcus::add_kernels<double>(*body, "double");
+  const bool limits = argc < 2 || std::string(argv[1]) != "--without_limits";
+  if (limits && benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  if (limits) sulcus::print_limits();
+  std::vector<sulcus::LazyBody> bodies(std::size(sulcus::body_names));
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    bodies[b].name = sulcus::body_names[b];
+    sulcus::add_kernels<float>(bodies[b], "single");
+    sulcus::add_kernels<double>(bodies[b], "double");
   }
   benchmark::RunSpecifiedBenchmarks();
 }

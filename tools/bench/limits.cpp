@@ -102,6 +102,7 @@ MachineLimits measure_limits(int threads) {
 }
 
 Bound shortest_time(const MachineLimits& limits, int threads, const Demand& demand) {
+  if (limits.dram_B_s == 0) return {};
   const bool in_l2 = demand.bytes < static_cast<double>(limits.l2_bytes * threads);
   const bool in_l3 = demand.bytes < static_cast<double>(limits.l3_bytes);
   const double reading = demand.bytes / (in_l2 ? limits.l2_B_s : in_l3 ? limits.l3_B_s : limits.dram_B_s);

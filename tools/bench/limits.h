@@ -26,7 +26,7 @@ struct Demand {
 };
 struct Bound {
   double seconds = 0;
-  const char* by = "";  // "L2", "L3", "DRAM" or "rate"
+  const char* by = "";  // "L2", "L3", "DRAM" or "rate"; nothing without limits
 };
 Bound shortest_time(const MachineLimits& limits, int threads, const Demand& demand);
 

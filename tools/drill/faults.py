@@ -9,6 +9,7 @@ from collections import namedtuple
 Fault = namedtuple("Fault", "name file find replace scenario kinds")
 
 SYSTEM = "engine/scene/system.cpp"
+CONTACTS = "engine/scene/contact_system.cpp"
 STEP = "engine/scene/step.cpp"
 KERNELS = "engine/fem/kernels.cpp"
 ASSEMBLY = "engine/fem/assembly.cpp"
@@ -19,13 +20,13 @@ CYLINDER = "cylinder_retraction"
 TEARS = "fracture_pull_hinges"
 
 FAULTS = [
-    Fault("sign of the contact force on the tissue", SYSTEM,
+    Fault("sign of the contact force on the tissue", CONTACTS,
           "workspace.forces[3 * node + d] += contact.weights[c] *",
           "workspace.forces[3 * node + d] += (FAULT ? -1.0 : 1.0) * contact.weights[c] *", CYLINDER, "values"),
-    Fault("contact damping missing from the matrix", SYSTEM,
-          "const double weight = h * (law.damping_N_s_m +",
-          "const double weight = h * ((FAULT ? 0.0 : law.damping_N_s_m) +", CYLINDER, "values"),
-    Fault("sign of the lever of the contact torque", SYSTEM,
+    Fault("contact damping missing from the matrix", CONTACTS,
+          "response.weight_kg = h * (law.damping_N_s_m +",
+          "response.weight_kg = h * ((FAULT ? 0.0 : law.damping_N_s_m) +", CYLINDER, "values"),
+    Fault("sign of the lever of the contact torque", CONTACTS,
           "jacobian << Mat3::Identity(), -skew(contact.arm);",
           "jacobian << Mat3::Identity(), (FAULT ? 1.0 : -1.0) * skew(contact.arm);", CYLINDER, "values"),
     Fault("tool moved by nine tenths of the tissue's answer", SYSTEM,
@@ -34,7 +35,7 @@ FAULTS = [
           CYLINDER, "statement"),
     Fault("tool not eliminated from the right-hand side", SYSTEM,
           "+ 16 * i] -= static_cast<Real>(sum);", "+ 16 * i] -= FAULT ? Real(0) : static_cast<Real>(sum);",
-          CYLINDER, "statement"),
+          CYLINDER, "values"),
     Fault("sign of the rotational coupling", SYSTEM,
           "h * (coupling.rotational_stiffness_N_m_rad * tool.misalignment +",
           "h * ((FAULT ? -1.0 : 1.0) * coupling.rotational_stiffness_N_m_rad * tool.misalignment +", CYLINDER, "values"),
@@ -83,11 +84,12 @@ FAULTS = [
           "contact.depth_m = -sample.distance;", "contact.depth_m = (FAULT ? -0.5 : -1.0) * sample.distance;",
           CYLINDER, "values"),
     Fault("contacts that pull are kept", STEP,
-          "again < most_solves_again && scene.settings.contact.tension_rule",
-          "again < most_solves_again && !FAULT && scene.settings.contact.tension_rule", CYLINDER, "statement"),
+          "const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;",
+          "const bool dropped =\n"
+          "        (!FAULT && drop_pulling_contacts(scene, state, workspace, report)) || released;", CYLINDER, "statement"),
     Fault("output filter left out", STEP,
           "filtered[d] += scene.filter_alpha[t] *", "filtered[d] += (FAULT ? 1.0 : scene.filter_alpha[t]) *",
-          "brain_sylvian_retraction", "values"),
+          "cube_sphere_b", "values"),
     Fault("positions moved by the old velocity", STEP,
           "state.positions[i] += h * state.velocities[i];",
           "state.positions[i] += h * (state.velocities[i] - (FAULT ? workspace.increments[i] : 0.0));", CYLINDER, "values"),
@@ -104,7 +106,7 @@ FAULTS = [
     Fault("solver stops a hundred times too early", GRADIENTS,
           "const double goal = std::fmax(tolerance * start, floor);",
           "const double goal = std::fmax((FAULT ? 100 : 1) * tolerance * start, floor);", CYLINDER, "statement"),
-    Fault("sum in the order of the threads", GRADIENTS,
+    Fault("sum in single precision and in the order of the threads", GRADIENTS,
           "return ordered_sum(workspace.pq) - border_term;",
           "return (FAULT ? sulcus_drill::sum_by_threads(workspace.pq, workspace.threads) : ordered_sum(workspace.pq)) -\n"
           "             border_term;", "brain_sylvian_retraction", "bits"),

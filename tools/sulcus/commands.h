@@ -110,7 +110,7 @@ int report_command(const ReportOptions& options);
 struct MovieOptions {
   std::filesystem::path run;              // folder of a run, or run.h5
   std::filesystem::path out = "run.mp4";  // or .gif
-  bool stress = false;                    // colours by the largest principal stress
+  std::string shot;                       // of the scenario, whose view is taken; empty: the first
 };
 int movie_command(const MovieOptions& options);
 
@@ -163,6 +163,12 @@ struct FuzzOptions {
   std::filesystem::path out = "fuzz";  // for the scenarios that fail
 };
 int fuzz_command(const FuzzOptions& options);
+
+struct PerfReportOptions {
+  std::filesystem::path history;  // folder of counts.json and times.json
+  std::filesystem::path out = "performance.html";
+};
+int perf_report_command(const PerfReportOptions& options);
 
 int list_command(const std::filesystem::path& directory);
 

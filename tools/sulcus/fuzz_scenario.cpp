@@ -155,7 +155,7 @@ std::string fuzz_scenario(std::uint64_t seed) {
   if (scenario.contains("fracture") || dice.chance(0.25)) scenario["contact"]["detection"] = "surface_nodes";
   scenario["time"] = {{"step_s", step_s}, {"duration_s", end_s}};
   scenario["solver"] = {{"precision", dice.chance(0.7) ? "single" : "double"}, {"tolerance", 1e-3}};
-  scenario["record"] = {{"frame_every_steps", 10}};
+  scenario["record"] = {{"frame_every_steps", 10}, {"energy_ledger", true}};
   return scenario.dump(1) + "\n";
 }
 

@@ -13,16 +13,19 @@ struct Result {
   std::string output;  // standard output and error
 };
 
-inline Result command(const std::string& arguments) {
+inline Result shell(const std::string& line) {
   Result result;
-  const std::string line = std::string("'") + SULCUS_COMMAND + "' " + arguments + " 2>&1";
-  FILE* pipe = popen(line.c_str(), "r");
+  FILE* pipe = popen(("{ " + line + "; } 2>&1").c_str(), "r");
   if (pipe == nullptr) return result;
   char buffer[4096];
   for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) result.output.append(buffer, n);
   const int status = pclose(pipe);
   result.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   return result;
+}
+
+inline Result command(const std::string& arguments) {
+  return shell(std::string("'") + SULCUS_COMMAND + "' " + arguments);
 }
 
 }  // namespace sulcus::test
