@@ -105,8 +105,7 @@ struct WorkspaceDeleter {
   void operator()(Workspace* workspace) const;
 };
 using WorkspacePtr = std::unique_ptr<Workspace, WorkspaceDeleter>;
-// threads: at most; a mesh of few nodes gets fewer, one for every 32 nodes, since more would only wait for
-// each other. Throws EnvironmentError if the processor does not round as all results suppose.
+// Throws EnvironmentError if the processor does not round as all results suppose.
 WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa = widest_isa());
 
 // Advances `state` by scene.settings.step_s. samples: one a tool, the device at the END of the step.
