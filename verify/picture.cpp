@@ -58,6 +58,7 @@ void set_depth_range(picture::RasterScene& scene) {
     }
   };
   for (const auto& mesh : scene.meshes) look(mesh.positions);
+  for (const auto& mark : scene.marks) look(mark.positions);
   for (const auto& lines : scene.lines) look(lines.positions);
   scene.far_m = farthest > 0 ? farthest * 1.01f : 1;
   scene.near_m = std::max(nearest * 0.99f, scene.far_m * 1e-3f);
@@ -71,10 +72,10 @@ picture::RasterScene to_eye(const PictureScene& scene, const picture::EyeFrame& 
   out.tan_half_view = static_cast<float>(std::tan(scene.camera.field_of_view_deg * std::numbers::pi / 360));
   for (const PictureMesh& mesh : scene.meshes) out.meshes.push_back(picture::to_eye(mesh, frame));
   for (const PictureSphere& sphere : scene.spheres) {
-    out.meshes.push_back(picture::to_eye(picture::sphere_mesh(sphere), frame));
+    out.marks.push_back(picture::to_eye(picture::sphere_mesh(sphere), frame));
   }
   for (const PictureArrow& arrow : scene.arrows) {
-    out.meshes.push_back(picture::to_eye(picture::arrow_mesh(arrow), frame));
+    out.marks.push_back(picture::to_eye(picture::arrow_mesh(arrow), frame));
   }
   for (const PictureLines& lines : scene.lines)
     out.lines.push_back(to_eye(lines, frame, scene.supersampling));

@@ -40,6 +40,8 @@ struct PictureMesh {
                              // count), so that the steps of voxels do not catch the light; positions stay
   bool clipped = false;      // cut away by the picture's clipping plane
   Colour cut_colour{120, 60, 60};  // of the inside seen through the cut (the mesh should be closed)
+  bool section_only = false;       // of a clipped mesh: the cut alone
+  bool on_cut = false;             // lies on the cut of the mesh before it and is drawn within that alone
 };
 
 struct PictureLines {
@@ -51,6 +53,7 @@ struct PictureLines {
   bool clipped = false;
 };
 
+// Arrows and spheres are marks: what hides them lets them through, paler.
 struct PictureArrow {
   Vec3 from = Vec3::Zero(), to = Vec3::Zero();  // m; not drawn if equal
   double radius_m = 0.001;                      // of the shaft

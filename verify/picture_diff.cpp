@@ -54,6 +54,19 @@ double colour_distance(const std::uint8_t* rgb_a, const std::uint8_t* rgb_b) {
   return std::sqrt(dl * dl + da * da + db * db);
 }
 
+namespace {
+
+constexpr int block = 4;  // pixels
+
+double largest_distance(const Image& a, const Image& b) {
+  double largest = 0;
+  for (std::size_t p = 0; p < a.rgb.size(); p += 3)
+    largest = std::max(largest, colour_distance(&a.rgb[p], &b.rgb[p]));
+  return largest;
+}
+
+}  // namespace
+
 PictureDifference compare_pictures(const Image& a, const Image& b, double threshold) {
   check_same_size(a, b);
   PictureDifference difference;
@@ -69,6 +82,8 @@ PictureDifference compare_pictures(const Image& a, const Image& b, double thresh
   if (pixels > 0) {
     difference.differing_fraction = static_cast<double>(differing) / static_cast<double>(pixels);
     difference.mean_distance = sum / static_cast<double>(pixels);
+    const int factor = std::min({block, a.width, a.height});
+    difference.max_block_distance = largest_distance(shrunk(a, factor), shrunk(b, factor));
   }
   return difference;
 }

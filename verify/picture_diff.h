@@ -10,6 +10,9 @@ struct PictureDifference {
   double differing_fraction = 0;  // of the pixels whose distance exceeds the threshold, 0..1
   double max_distance = 0;        // largest Delta E of a pixel
   double mean_distance = 0;       // Delta E, over all pixels
+  // Largest Delta E of the means of 4 x 4 pixels: hardly moved by an edge that shifts by a part of a pixel,
+  // but by any thing that is missing, however small beside the picture.
+  double max_block_distance = 0;
 };
 
 // CIE 1976 Delta E of two sRGB colours; 0 for equal ones, 100 from black to white.

@@ -73,6 +73,31 @@ TEST(PictureDiff, CountsThePixelsBeyondTheThreshold) {
   EXPECT_NEAR(loose.mean_distance, 1, 0.01);
 }
 
+TEST(PictureDiff, BlocksTellWhatIsMissingFromAnEdgeThatShifted) {
+  // A bar of 3 x 12 pixels is 0.5 % of the picture; it is gone in b. In c the edge of a half lies a quarter
+  // of a pixel further.
+  Image a = plain(80, 90, {240, 240, 240});
+  const Image b = a;
+  for (int y = 20; y < 32; ++y) {
+    for (int x = 30; x < 33; ++x) set_pixel(a, x, y, {250, 178, 22});
+  }
+  const PictureDifference missing = compare_pictures(a, b, 4.6);
+  EXPECT_LE(missing.differing_fraction, 0.005);
+  EXPECT_GT(missing.max_block_distance, 20);
+
+  Image half = plain(80, 90, {240, 240, 240}), shifted = half;
+  for (int y = 0; y < 90; ++y) {
+    for (int x = 0; x < 41; ++x) {
+      set_pixel(half, x, y, x < 40 ? Rgb{120, 120, 120} : Rgb{240, 240, 240});
+      set_pixel(shifted, x, y, x < 40 ? Rgb{120, 120, 120} : Rgb{210, 210, 210});
+    }
+  }
+  const PictureDifference edge = compare_pictures(half, shifted, 4.6);
+  EXPECT_GT(edge.max_distance, 10);
+  EXPECT_LT(edge.max_block_distance, 4);
+  EXPECT_GT(edge.max_block_distance, 0);
+}
+
 TEST(PictureDiff, TheDifferencePictureGlowsWhereTheyDiffer) {
   const Image a = plain(3, 1, {100, 150, 200});
   Image b = a;

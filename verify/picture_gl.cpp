@@ -177,8 +177,8 @@ void draw_triangles(const EyeMesh& mesh) {
 
 // Closes the cut of a clipped mesh: along a ray, as many walls are left behind as met, except where the plane
 // goes through the inside; the stencil counts them, then a part of the plane is drawn where the count is not
-// zero.
-void draw_cut(const Program& program, const RasterScene& scene, const EyeMesh& mesh) {
+// zero; then what is painted on it, if anything.
+void draw_cut(const Program& program, const RasterScene& scene, const EyeMesh& mesh, const EyeMesh* painted) {
   glClear(GL_STENCIL_BUFFER_BIT);
   glEnable(GL_STENCIL_TEST);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
@@ -218,7 +218,31 @@ void draw_cut(const Program& program, const RasterScene& scene, const EyeMesh& m
   glFrontFace(scene.clip[3] < 0 ? GL_CW : GL_CCW);
   glDrawArrays(GL_TRIANGLES, 0, 6);
   glFrontFace(GL_CCW);
+  if (painted) {
+    glUniform1i(program.finish, static_cast<int>(painted->finish));
+    draw_triangles(*painted);
+  }
   glDisable(GL_STENCIL_TEST);
+}
+
+// First what is hidden, paler; then what is seen.
+void draw_marks(const Program& program, const RasterScene& scene) {
+  set_clip(program, scene, false);
+  glEnable(GL_CULL_FACE);
+  glEnable(GL_BLEND);
+  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+  for (const bool hidden : {true, false}) {
+    glDepthFunc(hidden ? GL_GREATER : GL_LESS);
+    glDepthMask(hidden ? GL_FALSE : GL_TRUE);
+    glUniform1f(program.opacity, hidden ? 0.45f : 1.0f);
+    for (const EyeMesh& mark : scene.marks) {
+      glUniform1i(program.finish, static_cast<int>(mark.finish));
+      draw_triangles(mark);
+    }
+  }
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  glUniform1f(program.opacity, 1);
 }
 
 void draw_lines(const Program& program, const RasterScene& scene) {
@@ -303,17 +327,20 @@ Raster rasterise(const RasterScene& scene) {
     glEnable(GL_POLYGON_OFFSET_FILL);
     glPolygonOffset(1, 1);
   }
-  for (const EyeMesh& mesh : scene.meshes) {
-    if (mesh.positions.empty()) continue;
+  for (std::size_t m = 0; m < scene.meshes.size(); ++m) {
+    const EyeMesh& mesh = scene.meshes[m];
+    if (mesh.positions.empty() || mesh.on_cut) continue;
+    const EyeMesh* next = m + 1 < scene.meshes.size() ? &scene.meshes[m + 1] : nullptr;
     set_clip(program, scene, mesh.clipped);
     glUniform1i(program.finish, static_cast<int>(mesh.finish));
-    draw_triangles(mesh);
-    if (mesh.clipped && scene.has_clip) draw_cut(program, scene, mesh);
+    if (!mesh.section_only) draw_triangles(mesh);
+    if (mesh.clipped && scene.has_clip) draw_cut(program, scene, mesh, next && next->on_cut ? next : nullptr);
   }
   Raster raster;
   raster.width = scene.width;
   raster.height = scene.height;
-  raster.depth = read_depth(scene);  // before the lines: they cast no shadow
+  raster.depth = read_depth(scene);  // before marks and lines: they cast no shadow
+  draw_marks(program, scene);
   draw_lines(program, scene);
   glFinish();
   const GLenum error = glGetError();

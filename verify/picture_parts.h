@@ -25,6 +25,7 @@ struct EyeMesh {
   Finish finish = Finish::plain;
   bool clipped = false;
   Colour cut_colour{};
+  bool section_only = false, on_cut = false;
 };
 EyeMesh to_eye(const PictureMesh& mesh,
                const EyeFrame& frame);  // throws InputError for arrays that do not fit
@@ -52,6 +53,7 @@ struct RasterScene {
   float tan_half_view = 0;    // of the height
   float near_m = 0, far_m = 0;
   std::vector<EyeMesh> meshes;
+  std::vector<EyeMesh> marks;  // shine through what hides them
   std::vector<EyeLines> lines;
   bool has_clip = false;
   std::array<float, 4> clip{};  // eye space: keeps dot(clip.xyz, x) + clip.w >= 0

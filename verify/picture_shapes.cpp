@@ -160,6 +160,8 @@ EyeMesh to_eye(const PictureMesh& mesh, const EyeFrame& frame) {
   out.finish = mesh.finish;
   out.clipped = mesh.clipped;
   out.cut_colour = mesh.cut_colour;
+  out.section_only = mesh.section_only;
+  out.on_cut = mesh.on_cut;
   out.positions.reserve(mesh.triangles.size() * 9);
   out.normals.reserve(mesh.triangles.size() * 9);
   out.colours.reserve(mesh.triangles.size() * 9);

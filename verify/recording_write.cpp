@@ -74,10 +74,11 @@ void RunWriter::Impl::fail(const std::string& reason) {
     close();
   } catch (const hdf5::Failure&) {  // the first reason is the one to tell
   }
-  throw EnvironmentError(
-      partial.string() + ": recording failed at step " + std::to_string(steps) + " (" + reason +
-      (full ? "; the disk is full" : "") +
-      "); what was written is kept there; free space or choose another place, then run again");
+  throw EnvironmentError(partial.string() + ": recording failed at step " + std::to_string(steps) + " (" +
+                         reason + (full ? "; the disk is full" : "") +
+                         "); what was written is kept there, and a log beside it (run.h5.log) is read by "
+                         "`sulcus recover`; free space or "
+                         "choose another place, then run again");
 }
 
 void RunWriter::Impl::close() {

@@ -92,18 +92,26 @@ std::string facts(const RunData& run, const RunSummary& summary) {
   return html + "</dl>\n";
 }
 
+std::string figure(const ReportPicture& picture) {
+  const std::string caption = escape_html(picture.caption);
+  const std::string time =
+      std::isfinite(picture.time_s) ? " data-time=\"" + std::to_string(picture.time_s) + "\"" : "";
+  return "<figure" + time + "><img alt=\"" + caption + "\" width=\"" + std::to_string(picture.image.width) +
+         "\" height=\"" + std::to_string(picture.image.height) + "\" src=\"data:image/png;base64," +
+         report::base64(encode_png(picture.image)) + "\"><figcaption>" + caption + "</figcaption></figure>\n";
+}
+
 std::string pictures(const RunReportInput& input) {
   if (input.pictures.empty()) return "";
   std::string html = "<h3>What happened</h3>\n" + report::slider(*input.run) + "<div class=\"pictures\">";
-  for (const ReportPicture& picture : input.pictures) {
-    const std::string caption = escape_html(picture.caption);
-    const std::string time =
-        std::isfinite(picture.time_s) ? " data-time=\"" + std::to_string(picture.time_s) + "\"" : "";
-    html += "<figure" + time + "><img alt=\"" + caption + "\" width=\"" +
-            std::to_string(picture.image.width) + "\" height=\"" + std::to_string(picture.image.height) +
-            "\" src=\"data:image/png;base64," + report::base64(encode_png(picture.image)) +
-            "\"><figcaption>" + caption + "</figcaption></figure>\n";
-  }
+  for (const ReportPicture& picture : input.pictures) html += figure(picture);
+  return html + "</div>\n";
+}
+
+std::string differences(const RunReportInput& input) {
+  if (input.differences.empty()) return "";
+  std::string html = "<h3>Pictures that differ from the golden ones</h3>\n<div class=\"differences\">";
+  for (const ReportPicture& picture : input.differences) html += figure(picture);
   return html + "</div>\n";
 }
 
@@ -224,10 +232,10 @@ std::string run_section(const RunReportInput& input, std::size_t number) {
   return "<section class=\"run\" id=\"run" + std::to_string(number) + "\">\n<header><h2>" +
          escape_html(name_of(input)) + "</h2>" +
          (input.description.empty() ? "" : "<p>" + escape_html(input.description) + "</p>") + "</header>\n" +
-         run_verdict(input) + facts(run, summarise(run)) + pictures(input) + charts(input) +
-         report::fingerprint_section(run) + report::session_section(run) + check_table(input.checks) +
-         list_of("Warnings", run.warnings) + list_of("Events", events) + mesh_table(run) +
-         reproduce(input.reproduce) + provenance(run) + "</section>\n";
+         run_verdict(input) + facts(run, summarise(run)) + differences(input) + pictures(input) +
+         charts(input) + report::fingerprint_section(run) + report::session_section(run) +
+         check_table(input.checks) + list_of("Warnings", run.warnings) + list_of("Events", events) +
+         mesh_table(run) + reproduce(input.reproduce) + provenance(run) + "</section>\n";
 }
 
 // For several runs: one verdict over all, and a list that leads to each.

@@ -29,6 +29,7 @@ struct RunReportInput {
   const RunData* run = nullptr;         // required
   std::vector<Check> checks;            // the verdict: all of them hold
   std::vector<ReportPicture> pictures;  // in order of time
+  std::vector<ReportPicture> differences;  // golden picture, picture now, where they differ: three each
   std::vector<GoldenBand> golden;       // the golden run's values; empty: not compared
   std::string reproduce;                // the one command line that gives this run again
 };

@@ -205,7 +205,7 @@ std::vector<CaptionedChart> charts_of(const RunData& run, std::span<const Check>
     }
     out.add("Where the device is, and the tool that hangs on it by the virtual coupling.", way);
   }
-  Chart turned = chart("Misalignment", "angle between device and tool [rad]");
+  Chart turned = chart("Misalignment", "angle [rad]");
   for (std::size_t t = 0; t < tools; ++t)
     turned.curves.push_back(misalignment_of(run, t, tools > 1 ? run.header.tool_names[t] : ""));
   out.add("By which angle the tool lags behind the device.", turned);

@@ -42,6 +42,8 @@ a { color: inherit; }
 .pictures, .charts { display: grid; gap: 14px; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); }
 figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 12px; overflow: hidden; }
 .pictures figure { max-width: 720px; }
+.differences { display: grid; gap: 14px; grid-template-columns: repeat(3, minmax(0, 1fr)); }
+@media (max-width: 700px) { .differences { grid-template-columns: minmax(0, 1fr); } }
 figure img { display: block; width: 100%; height: auto; }
 figcaption { padding: 10px 14px; font-weight: 600; } figcaption small { display: block; font-weight: 400;
   color: var(--pale); }

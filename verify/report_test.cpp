@@ -141,6 +141,18 @@ TEST(Report, ThePageIsWellFormedAndComplete) {
   for (const char* stage : stage_names) EXPECT_TRUE(contains(html, stage)) << stage;
 }
 
+TEST(Report, PicturesThatDifferStandBesideTheirGoldenOnes) {
+  const RunData run = small_run();
+  RunReportInput input = small_input(run);
+  EXPECT_EQ(report_html({input}).find("differ from the golden ones"), std::string::npos);
+  const Image image{2, 2, std::vector<std::uint8_t>(12, 100)};
+  input.differences = {{"open, golden", image}, {"open, this run", image}, {"open, where they differ", image}};
+  const std::string html = report_html({input});
+  EXPECT_EQ(structure_error(html), "");
+  for (const char* text : {"differ from the golden ones", "open, golden", "open, this run", "where they differ"})
+    EXPECT_NE(html.find(text), std::string::npos) << text;
+}
+
 TEST(Report, NothingComesFromOutside) {
   NEEDS_GNUPLOT();
   const RunData run = small_run();

@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/numerics/error.h"
+#include "engine/volume/test_maps.h"
 #include "verify/picture_diff.h"
 
 namespace sulcus {
@@ -77,16 +79,29 @@ TEST(RunPicture, FissureWallsAreWarm) {
 
 TEST(RunPicture, ValuesBecomeColoursOfTheMap) {
   CubeRun cube;
-  const std::vector<double> low{0.0}, high{500.0};
+  const std::vector<double> low(4, 0.0), high(4, 500.0);
   cube.run.mesh = &cube.mesh;
   cube.run.bar = {"stress", "Pa", 0, 500, ColourMap::ember};
-  cube.run.tet_values = low;
+  cube.run.node_values = low;
   const Colour dark = cube.middle();
-  cube.run.tet_values = high;
+  cube.run.node_values = high;
   const Colour light = cube.middle();
   EXPECT_EQ(leading(dark), 2);
   EXPECT_EQ(leading(light), 0);
   EXPECT_GT(light[1], dark[1] + 80);
+}
+
+TEST(RunPicture, ElementsAreAveragedAroundTheirNodes) {
+  EmbeddingMesh mesh;
+  mesh.rest_positions.resize(6, Vec3::Zero());
+  mesh.tets = {{0, 1, 2, 3}, {1, 2, 3, 4}};
+  const std::vector<double> mean = node_means(mesh, std::vector<double>{2.0, 6.0});
+  EXPECT_EQ(mean[0], 2);
+  EXPECT_EQ(mean[1], 4);
+  EXPECT_EQ(mean[4], 6);
+  EXPECT_TRUE(std::isnan(mean[5]));
+  EXPECT_EQ(node_means(mesh, std::vector<double>{NAN, 6.0})[1], 6);  // removed
+  EXPECT_THROW(node_means(mesh, std::vector<double>{1.0}), InputError);
 }
 
 TEST(RunPicture, ToolsArrowsAndEdgesAppear) {
@@ -95,7 +110,7 @@ TEST(RunPicture, ToolsArrowsAndEdgesAppear) {
   const auto changed = [&] {
     return compare_pictures(bare, render_run_picture(cube.run), 5).differing_fraction;
   };
-  cube.run.tools = {{&cube.tool, {0.05, 0.05, 0.11}, Quaternion{}, Vec3::Zero(), Vec3::Zero()}};
+  cube.run.tools = {{&cube.tool, "", {0.05, 0.05, 0.11}, Quaternion{}, Vec3::Zero(), Vec3::Zero()}};
   const double tool = changed();
   EXPECT_GT(tool, 0.001);
   cube.run.tools[0].force_N = {1, 0, 0};
@@ -116,9 +131,64 @@ TEST(RunPicture, ToolsArrowsAndEdgesAppear) {
   EXPECT_GT(changed(), 0.001);
 }
 
+// A block of 10 voxels of 10 mm a side around the cube's middle, whose section is as large as the cube.
+struct CutCube : CubeRun {
+  LabelMap map = empty_map({10, 10, 10});
+  EmbeddingMesh block;
+  std::vector<double> nodes;
+
+  CutCube() {
+    map.spacing = Vec3::Constant(0.01);
+    map.origin = Vec3::Constant(0.005);
+    std::fill(map.labels.begin(), map.labels.end(), 7);
+    block = build_embedding(map, {}, {.size_m = 0.05});
+    for (const Vec3& p : block.rest_positions) nodes.insert(nodes.end(), {p[0], p[1], p[2]});
+    run.mesh = &block;
+    run.map = &map;
+    run.node_positions = nodes;
+    run.cell_edges = false;
+    run.label_colours = {{1, {40, 40, 200}}, {7, {40, 200, 40}}};
+    run.section = frame_section(surface.rest_positions, {0, 0, 0.05}, {0, 0, 1}, {0, 1, 0}, 50);
+  }
+};
+
+TEST(RunPicture, ACutShowsTheLabelsInside) {
+  CutCube cube;
+  EXPECT_EQ(leading(cube.middle()), 1);
+  cube.run.section.reset();
+  EXPECT_EQ(leading(cube.middle()), 2);
+}
+
+TEST(RunPicture, ASliceShowsTheSectionAndTheToolsInIt) {
+  CutCube cube;
+  cube.run.slice = true;
+  cube.run.camera.reset();
+  const Image bare = render_run_picture(cube.run);
+  const Colour middle = cube.middle();
+  EXPECT_EQ(leading(middle), 1);
+  EXPECT_NEAR(middle[1], 200, 1);  // no light in a slice
+  const Colour corner{bare.rgb[0], bare.rgb[1], bare.rgb[2]};
+  EXPECT_GT(corner[0], 200);  // nothing there
+  cube.run.tools = {{&cube.tool, "", {0.05, 0.05, 0.04}, Quaternion{}, Vec3::Zero(), Vec3::Zero()}};
+  EXPECT_EQ(leading(cube.middle()), 2);  // the tool goes through the plane
+  cube.run.tools[0].position[2] = 0.06;
+  EXPECT_EQ(render_run_picture(cube.run).rgb, bare.rgb);  // above it
+}
+
+TEST(RunPicture, HiddenMarksShineThrough) {
+  CubeRun cube;
+  const Image bare = render_run_picture(cube.run);
+  cube.run.contact_points = {{0.05, 0.05, 0.05}};  // inside of the cube
+  const double hidden = compare_pictures(bare, render_run_picture(cube.run), 5).mean_distance;
+  cube.run.contact_points = {{0.05, 0.05, 0.11}};
+  const double seen = compare_pictures(bare, render_run_picture(cube.run), 5).mean_distance;
+  EXPECT_GT(hidden, 0);
+  EXPECT_GT(seen, hidden);
+}
+
 TEST(RunPicture, TheSameRunGivesTheSameBytes) {
   CubeRun cube;
-  cube.run.tools = {{&cube.tool, {0.05, 0.05, 0.11}, Quaternion{}, {0, 0, 1}, {0.05, 0.05, 0.1}}};
+  cube.run.tools = {{&cube.tool, "", {0.05, 0.05, 0.11}, Quaternion{}, {0, 0, 1}, {0.05, 0.05, 0.1}}};
   cube.run.label_names[1] = "cube";
   EXPECT_EQ(render_run_picture(cube.run).rgb, render_run_picture(cube.run).rgb);
 }
@@ -144,11 +214,13 @@ TEST(RunPicture, ArraysThatDoNotFitAreRefused) {
   refused([](CubeRun& c) { c.run.surface_positions = three; });
   refused([](CubeRun& c) { c.surface.triangle_label.pop_back(); });
   refused([](CubeRun& c) { c.surface.triangle_on_pair.pop_back(); });
-  refused([](CubeRun& c) { c.run.tet_values = three; });
+  refused([](CubeRun& c) { c.run.node_values = three; });
   refused([](CubeRun& c) {
     c.run.mesh = &c.mesh;
-    c.run.tet_values = three;
+    c.run.node_values = three;
   });
+  refused([](CubeRun& c) { c.run.section = SectionFrame{}; });
+  refused([](CubeRun& c) { c.run.slice = true; });
   refused([](CubeRun& c) { c.run.node_positions = three; });
   refused([](CubeRun& c) { c.run.tools = {PosedTool{}}; });
 }

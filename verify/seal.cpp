@@ -90,6 +90,12 @@ bool measure(int file, std::uint32_t version, Seal& seal) {
 std::uint64_t check_seal(const std::filesystem::path& path) {
   const auto refuse = [&](const std::string& what) { throw InputError(path.string() + ": " + what); };
   const File file(path, O_RDONLY);
+  std::error_code ignored;
+  if (file < 0 && errno == ENOENT && std::filesystem::exists(path.string() + ".log", ignored))
+    refuse(
+        "is not there yet, but its log is: the run or session was cut off, or still goes on; `sulcus "
+        "recover " +
+        path.parent_path().string() + "` makes a recording of what the log holds");
   if (file < 0)
     refuse(std::string("cannot be opened (") + std::strerror(errno) + "); give the path of a run.h5");
   std::vector<char> block(block_bytes);
@@ -101,7 +107,11 @@ std::uint64_t check_seal(const std::filesystem::path& path) {
   const bool unsealed =
       got > 0 &&
       std::string(block.data(), static_cast<std::size_t>(got)).find_first_not_of('\0') == std::string::npos;
-  if (unsealed) refuse("is the recording of a run that did not finish; record the run again");
+  if (unsealed)
+    refuse(
+        "is the recording of a run that did not finish; `sulcus recover` makes one of its log, if that "
+        "stands "
+        "beside it (run.h5.log), else record the run again");
   if (got < static_cast<ssize_t>(block_bytes) || found.magic != magic)
     refuse("is not a recording of Sulcus, or its start is damaged; give the path of a run.h5");
   if (found.version != recording_format_version)

@@ -1,6 +1,7 @@
 #include "verify/session_log.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <unistd.h>
 #include <xxhash.h>
 
@@ -74,6 +75,7 @@ struct SessionLog::Impl {
   void write_chunk();
   void gather();
   void run();
+  void throw_if_failed() const;
   template <class Fill>
   bool push(RecordRing& ring, Kind kind, Fill&& fill);
 };
@@ -131,9 +133,15 @@ void SessionLog::Impl::run() {
   }
 }
 
+void SessionLog::Impl::throw_if_failed() const {
+  if (!failed.load()) return;
+  throw EnvironmentError(path.string() + ": the log could not be written (" + reason +
+                         "); what was written before is kept: free space, then `sulcus recover " +
+                         path.parent_path().string() + "`");
+}
+
 SessionLog::SessionLog(std::filesystem::path path, const RunHeader& header, const State& initial,
                        const SessionLogSizes& sizes) {
-  assert(header.session);
   check_header(header, path.string());
   check_state_sizes(initial, header, path.string());
   impl_ = std::make_unique<Impl>(std::move(path), header.tool_names.size(), sizes, state_bytes(initial));
@@ -142,6 +150,7 @@ SessionLog::SessionLog(std::filesystem::path path, const RunHeader& header, cons
   if (log.file < 0)
     throw EnvironmentError(log.path.string() + ": cannot be created (" + std::strerror(errno) +
                            "); choose a place that can be written to");
+  ::flock(log.file, LOCK_EX | LOCK_NB);  // says that it is being written; goes with the process
   const session_log::FileStart start{session_log::magic, session_log_version, 0};
   log.write_bytes(&start, sizeof start);
   append_record(log.chunk, Kind::header, [&](Writer& out) { session_log::put_header(header, out); });
@@ -153,7 +162,7 @@ SessionLog::SessionLog(std::filesystem::path path, const RunHeader& header, cons
                            "); free space there or choose another place");
   }
   log.scratch.reserve(state_bytes(initial));
-  log.thread = std::thread([&log] { log.run(); });
+  if (sizes.own_thread) log.thread = std::thread([&log] { log.run(); });
 }
 
 SessionLog::~SessionLog() {
@@ -194,6 +203,7 @@ bool SessionLog::push_step(std::int64_t step, std::span<const DeviceSample> samp
     for (const DeviceSample& sample : samples) session_log::put_sample(sample, put);
     out.array(std::span<const double>(row.numbers));
     out.array(std::span<const std::uint64_t>(row.hashes));
+    out.array(std::span<const std::uint64_t>(row.stage_hashes));
   });
 }
 
@@ -219,6 +229,20 @@ void SessionLog::push_warning(const std::string& text) {
   impl_->push(impl_->steps, Kind::warning, [&](Writer& out) { out.text(text); });
 }
 
+void SessionLog::push_solver_error(std::int64_t step, double error) {
+  impl_->push(impl_->steps, Kind::solver_error, [&](Writer& out) {
+    out.number(step);
+    out.number(error);
+  });
+}
+
+void SessionLog::write_now() {
+  assert(!impl_->thread.joinable());
+  impl_->gather();
+  impl_->write_chunk();
+  impl_->throw_if_failed();
+}
+
 std::uint64_t SessionLog::lost_ticks() const {
   return impl_->lost_ticks();
 }
@@ -240,9 +264,8 @@ void SessionLog::finish() {
     log.reason = std::strerror(errno);
     log.failed.store(true);
   }
-  if (log.failed.load())
-    throw EnvironmentError(log.path.string() + ": the session's log could not be written (" + log.reason +
-                           "); what was written before is kept: free space, then `sulcus recover`");
+  ::flock(log.file, LOCK_UN);
+  log.throw_if_failed();
 }
 
 }  // namespace sulcus

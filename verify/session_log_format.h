@@ -29,7 +29,7 @@ struct ChunkStart {
 static_assert(sizeof(ChunkStart) == 32);
 
 // A chunk is a row of records: size (u32, without itself), kind (u32), content.
-enum class Kind : std::uint32_t { header, state, step, tick, event, number, warning, lost, end };
+enum class Kind : std::uint32_t { header, state, step, tick, event, number, warning, lost, end, solver_error };
 
 // Appends to a vector whose memory is used again.
 class Writer {

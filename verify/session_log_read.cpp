@@ -1,5 +1,9 @@
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
 #include <xxhash.h>
 
+#include <cerrno>
 #include <deque>
 #include <fstream>
 #include <optional>
@@ -28,6 +32,9 @@ void put_header(const RunHeader& header, Writer& out) {
   out.number(static_cast<std::uint8_t>(header.ledger));
   out.array(std::span<const double>(header.rest_positions));
   out.array(std::span<const std::int32_t>(header.tets));
+  out.texts(header.stage_leaves);
+  out.number(static_cast<std::uint8_t>(header.session.has_value()));
+  if (!header.session) return;
   out.texts(header.session->devices);
   for (const ServoSettings& s : header.session->servo) {
     for (const double number : {s.filter_Hz, s.max_extrapolation_s, s.max_extrapolation_m,
@@ -54,6 +61,11 @@ RunHeader get_header(Reader& in, const std::string& place) {
   header.rest_positions = in.array<double>();
   header.tets = in.array<std::int32_t>();
   if (header.plane_count > header.rest_positions.size()) throw Cut{};
+  header.stage_leaves = in.texts();
+  if (in.number<std::uint8_t>() == 0) {
+    check_header(header, place);
+    return header;
+  }
   header.session.emplace();
   header.session->devices = in.texts();
   if (header.session->devices.size() != header.tool_names.size()) throw Cut{};
@@ -81,10 +93,10 @@ class LogFile {
     std::error_code error;
     left_ = std::filesystem::file_size(path, error);
     if (!file_ || error)
-      throw InputError(place_ + ": cannot be opened; give the log of a session (run.h5.log)");
+      throw InputError(place_ + ": cannot be opened; give the log of a session or a run (run.h5.log)");
     session_log::FileStart start;
     if (!take(&start, sizeof start) || start.magic != session_log::magic)
-      throw InputError(place_ + ": is not the log of a session; give a run.h5.log");
+      throw InputError(place_ + ": is no log of a session or a run; give a run.h5.log");
     if (start.version != session_log_version)
       throw InputError(place_ + ": has version " + std::to_string(start.version) + ", this program reads " +
                        std::to_string(session_log_version) + "; use the matching program");
@@ -123,6 +135,14 @@ class LogFile {
   std::uint64_t left_ = 0, number_ = 0, ignored_bytes_ = 0;
 };
 
+// Whoever writes a log holds a lock on it as long as it lives.
+bool still_written(const std::filesystem::path& path) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const bool locked = file >= 0 && ::flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  if (file >= 0) ::close(file);
+  return locked;
+}
+
 // Calls visit(kind, content) for every record of a chunk.
 template <class Visit>
 void for_each_record(std::span<const std::byte> chunk, Visit&& visit) {
@@ -144,7 +164,7 @@ class Transcript {
     if (kind == Kind::header) {
       if (header_) throw session_log::Cut{};
       header_ = session_log::get_header(in, place_);
-      timing_.emplace(header_->tool_names.size());
+      if (header_->session) timing_.emplace(header_->tool_names.size());
       return;
     }
     if (!header_) throw session_log::Cut{};
@@ -165,6 +185,10 @@ class Transcript {
       }
       case Kind::warning:
         return writer_->add_warning(in.text());
+      case Kind::solver_error: {
+        const auto step = in.number<std::int64_t>();
+        return writer_->write_solver_error(step, in.number<double>());
+      }
       case Kind::lost:
         lost_ticks_ = in.number<std::uint64_t>();
         lost_states_ = in.number<std::uint64_t>();
@@ -181,8 +205,16 @@ class Transcript {
     if (!writer_) throw session_log::Cut{};
     run_to_the_end();
     if (!ended_) {
-      writer_->add_event(steps_, "the session was cut off here; recovered from its log");
+      writer_->add_event(steps_, "cut off here; recovered from its log");
     }
+    engine_.note_end(newest_, *writer_);
+    if (timing_) finish_session();
+    writer_->finish(newest_);
+    return {steps_, ended_, ignored_bytes};
+  }
+
+ private:
+  void finish_session() {
     const auto number = [&](const char* name, auto value) {
       writer_->set_number(name, static_cast<double>(value));
     };
@@ -190,13 +222,9 @@ class Transcript {
     number("session_ticks_lost", lost_ticks_);
     number("session_ticks_missing", timing_->missing_ticks());
     number("session_frames_lost", lost_states_);
-    number("inverted_elements_at_end", engine_.count_inverted(newest_));
     writer_->write_histograms(timing_->histograms());
-    writer_->finish(newest_);
-    return {steps_, ended_, ignored_bytes};
   }
 
- private:
   void take_state(session_log::Reader& in) {
     State state = session_log::get_state(in, *header_, place_);
     if (!writer_) writer_.emplace(recording_, *header_, state);
@@ -215,9 +243,12 @@ class Transcript {
       pending.samples.push_back(session_log::get_sample(in));
     row_.numbers = in.array<double>();
     row_.hashes = in.array<std::uint64_t>();
-    if (row_.hashes.size() != state_field_names().size()) throw session_log::Cut{};
+    row_.stage_hashes = in.array<std::uint64_t>();
+    if (row_.hashes.size() != state_field_names().size() ||
+        row_.stage_hashes.size() != header_->stage_leaves.size())
+      throw session_log::Cut{};
     writer_->write_row(pending.samples, row_, times);
-    timing_->add_step(times);
+    if (timing_) timing_->add_step(times);
     pending_.push_back(std::move(pending));
     ++steps_;
   }
@@ -225,7 +256,8 @@ class Transcript {
   void take_tick(session_log::Reader& in) {
     const auto tool = in.number<std::uint32_t>();
     const ServoTick tick = session_log::get_tick(in);
-    if (tool >= header_->tool_names.size() || tick.coupling_step > steps_) throw session_log::Cut{};
+    if (!timing_ || tool >= header_->tool_names.size() || tick.coupling_step > steps_)
+      throw session_log::Cut{};
     writer_->write_tick(tool, tick);
     timing_->add_tick(tool, tick);
   }
@@ -268,7 +300,7 @@ class Transcript {
 }
 
 [[noreturn]] void refuse_empty(const std::string& place) {
-  throw InputError(place + ": ends before the session began; there is nothing to recover");
+  throw InputError(place + ": ends before the first step; there is nothing to recover");
 }
 
 }  // namespace
@@ -292,6 +324,8 @@ RunHeader read_session_log_header(const std::filesystem::path& path) {
 RecoveredSession record_session_log(const std::filesystem::path& path, const std::filesystem::path& recording,
                                     const SessionEngine& engine) {
   LogFile file(path);
+  if (still_written(path))
+    throw InputError(path.string() + ": the run or session still goes on; wait for its end, or end it");
   Transcript transcript(file.place(), recording, engine);
   std::vector<std::byte> chunk;
   bool any = false;

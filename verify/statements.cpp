@@ -1,10 +1,12 @@
 #include "verify/statements.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
 
+#include "engine/mesh/topology.h"
 #include "verify/series.h"
 #include "verify/torn_statements.h"
 
@@ -178,6 +180,20 @@ Check check_pieces(const RunData& run) {
   return check;
 }
 
+// Counted anew, from the recorded mesh.
+Check check_declared_pieces(const std::string& name, const RunHeader& mesh,
+                            std::span<const std::uint8_t> alive, std::int64_t declared) {
+  std::vector<std::array<std::int32_t, 4>> tets(mesh.tets.size() / 4);
+  for (std::size_t t = 0; t < tets.size(); ++t) std::copy_n(&mesh.tets[4 * t], 4, tets[t].begin());
+  const auto found = static_cast<std::int64_t>(mesh_pieces(tets, mesh.node_count(), alive).item_count.size());
+  Check check = check_at_most(name, statement, static_cast<double>(std::abs(found - declared)), 0, "",
+                              static_cast<std::int64_t>(tets.size()),
+                              "pieces of the mesh, declared: " + std::to_string(declared));
+  check.value = static_cast<double>(found);
+  check.bound = static_cast<double>(declared);
+  return check;
+}
+
 Check check_inverted(const RunData& run) {
   const auto inverted = run.numbers.find("inverted_elements_at_end");
   if (inverted == run.numbers.end())
@@ -337,6 +353,16 @@ std::vector<Check> check_statements(const RunData& run, const StatementBounds& b
   if (tools && bounds.max_displayed_force_N)
     checks.push_back(check_displayed_force(run, *bounds.max_displayed_force_N));
   checks.push_back(check_pieces(run));
+  if (bounds.pieces_at_start) {
+    checks.push_back(run.frames.empty()
+                         ? failed_check("pieces_at_start", statement, "the run has no frame")
+                         : check_declared_pieces("pieces_at_start", run.header, run.frames.front().alive,
+                                                 *bounds.pieces_at_start));
+  }
+  if (bounds.pieces_at_end) {
+    checks.push_back(
+        check_declared_pieces("pieces_at_end", run.header, run.final_state.alive, *bounds.pieces_at_end));
+  }
   checks.push_back(check_inverted(run));
   if (bounds.min_converged_share) checks.push_back(check_converged(run, *bounds.min_converged_share));
   if (bounds.max_solver_error) checks.push_back(check_solver_error(run, *bounds.max_solver_error));

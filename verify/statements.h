@@ -32,6 +32,7 @@ struct StatementBounds {
       0.01;                        // share of the run's peak energy, see check "energy_at_rest"
   bool contact_expected = true;    // whether a run without any contact is a failure (in scenes with a tool)
   std::optional<TornBounds> torn;  // of scenes that fracture
+  std::optional<std::int64_t> pieces_at_start, pieces_at_end;  // of the mesh, exactly
   std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
   double rest_speed_m_s = 1e-4;                // m/s, at most: device and tool count as resting
   double rest_spin_rad_s = 1e-2;               // rad/s, likewise
@@ -52,6 +53,8 @@ struct StatementBounds {
 //   pushing               min_push_N >= 0 at every step with contacts: a kept contact does not pull
 //   displayed_force       |displayed_force|
 //   pieces                numbers "mesh_pieces" == "voxel_pieces"
+//   pieces_at_start       pieces of the recorded mesh that the elements present in the first frame make: as declared
+//   pieces_at_end         likewise of the final state
 //   inverted_elements     number "inverted_elements_at_end" == 0
 //   converged             share of converged steps
 //   solver_error          max over solver_errors

@@ -97,6 +97,30 @@ TEST_F(Statements, NaNIsWorseThanAnyNumberInEveryStatement) {
     EXPECT_FALSE(check.passed) << check_line(check);
 }
 
+TEST_F(Statements, PiecesOfTheMeshAreThoseDeclared) {
+  StatementBounds bounds = all_bounds();
+  bounds.pieces_at_start = 1;
+  bounds.pieces_at_end = 1;
+  const auto broken = [&] {
+    std::vector<std::string> names;
+    for (const Check& check : check_statements(run_, bounds)) {
+      if (!check.passed) names.push_back(check.name);
+    }
+    return names;
+  };
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(broken(), Names{});
+  bounds.pieces_at_start = 2;
+  EXPECT_EQ(broken(), Names{"pieces_at_start"});
+  bounds.pieces_at_start = 1;
+  run_.final_state.alive.assign(run_.final_state.alive.size(), 0);  // all torn away
+  EXPECT_EQ(broken(), Names{"pieces_at_end"});
+  bounds.pieces_at_end = 0;
+  EXPECT_EQ(broken(), Names{});
+  run_.frames.clear();
+  EXPECT_EQ(broken(), Names{"pieces_at_start"});
+}
+
 TEST_F(Statements, EachBoundIsHeld) {
   number("tools/0/max_penetration_m", 33) = 0.6e-3;
   expect_only_failure("penetration", "at step 33");

@@ -119,16 +119,18 @@ document.querySelectorAll('table.suite thead th').forEach((head, column) => {
 )";
 
 constexpr const char* suite_style = R"(<style>
-main { max-width: 1400px; }
+main { max-width: 1560px; }
 .wide { overflow-x: auto; margin-top: 20px; }
 table.suite thead th { cursor: pointer; user-select: none; white-space: nowrap; }
 table.suite th[aria-sort=ascending]::after { content: " ▲"; } table.suite th[aria-sort=descending]::after { content: " ▼"; }
-table.suite td, table.suite th[scope=row] { white-space: nowrap; }
+table.suite td, table.suite th { white-space: nowrap; padding: 7px 9px; font-size: .9rem; }
 table.suite tr.failed th[scope=row] { box-shadow: inset 4px 0 var(--bad); }
 @media (max-width: 640px) {
   table.suite thead { display: none; }
-  table.suite tr { display: block; padding: 8px 4px; border-top: 1px solid var(--line); }
-  table.suite td, table.suite th[scope=row] { display: block; border: 0; padding: 1px 10px; text-align: left; }
+  table.suite tr { display: grid; grid-template-columns: 1fr 1fr; padding: 8px 4px; border-top: 1px solid var(--line); }
+  table.suite td, table.suite th[scope=row] { display: block; border: 0; padding: 1px 8px; text-align: left; font-size: .82rem; }
+  table.suite th[scope=row], table.suite td[data-label=fingerprint] { grid-column: 1 / -1; }
+  table.suite th[scope=row] { font-size: 1rem; } table.suite td[data-label=fingerprint] { order: 1; }
   table.suite td::before { content: attr(data-label) ": "; color: var(--pale); font-weight: 400; }
 }
 </style>

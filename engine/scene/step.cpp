@@ -322,6 +322,8 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
         "results "
         "would not be repeatable; a library built with -ffast-math does that: find it and leave it out");
   }
+  // below two blocks of 16 nodes a thread waits for the others longer than it works
+  threads = std::clamp(static_cast<int>(scene.sparsity.chunks / 2), 1, threads);
   WorkspacePtr workspace(new Workspace);
   workspace->threads = threads;
   if (scene.settings.solver.precision == Precision::single_precision) {
@@ -427,6 +429,12 @@ double measure_precision_error(const Scene& scene, std::span<const DeviceSample>
   if (scene.settings.solver.precision == Precision::double_precision) return 0;
   return relative_error(solve_step<float>(scene, samples, state, threads, 1e-6, 0),
                         solve_step<double>(scene, samples, state, threads, reference_tolerance, 0));
+}
+
+std::vector<Contact> contacts_in(const Scene& scene, const State& state) {
+  const WorkspacePtr workspace = make_workspace(scene, 1);
+  find_contacts(scene, state, *workspace);
+  return workspace->contacts;
 }
 
 std::vector<double> max_principal_stress(const Scene& scene, const State& state) {

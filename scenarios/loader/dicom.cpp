@@ -102,7 +102,7 @@ std::vector<char> converted(const From* values, std::size_t count) {
 }
 
 template <class T>
-Stored store(const Image& image) {
+Stored store(const VoxelImage& image) {
   const T* values = reinterpret_cast<const T*>(image.bytes.data());
   const std::size_t count = image.bytes.size() / sizeof(T);
   const auto [low, high] = std::minmax_element(values, values + count);
@@ -160,9 +160,9 @@ std::string decimal(double number) {  // at most 16 characters, as the format as
 
 }  // namespace
 
-Image read_dicom_series(const fs::path& folder) {
+VoxelImage read_dicom_series(const fs::path& folder) {
   be_quiet();
-  Image image;
+  VoxelImage image;
   try {
     const std::vector<std::string> files = series_files(folder);
     const int slices = static_cast<int>(files.size());
@@ -196,7 +196,7 @@ Image read_dicom_series(const fs::path& folder) {
   return image;
 }
 
-void write_dicom_series(const fs::path& folder, const Image& image) {
+void write_dicom_series(const fs::path& folder, const VoxelImage& image) {
   be_quiet();
   const Stored stored = visit_voxel_type(image.type, [&]<class T>(T) { return store<T>(image); });
   const ImageGeometry& g = image.geometry;

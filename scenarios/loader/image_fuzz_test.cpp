@@ -149,7 +149,7 @@ bool read_or_refuse(const fs::path& path, std::uint64_t number) {
   bool was_read = false;
   for (const ImageUse use : {ImageUse::labels, ImageUse::grey}) {
     try {
-      const Image image = read_image(path, use);
+      const VoxelImage image = read_image(path, use);
       EXPECT_LE(image.bytes.size(), 1U << 30) << number;
       if (use == ImageUse::labels) read_label_map(path);
       was_read = true;

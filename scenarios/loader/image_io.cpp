@@ -112,11 +112,11 @@ void read_geometry(const fs::path& path, ImageFormat format, const itk::ImageIOB
   take_geometry(path, spacing_mm, origin_mm, direction, geometry);
 }
 
-Image read_single_file(const fs::path& path, ImageUse use) {
+VoxelImage read_single_file(const fs::path& path, ImageUse use) {
   const ImageFormat format = image_format(path);
   find_image_data(path, format);  // refuses what is missing, and NIfTI headers that are no such
   const QuietErrors quiet;
-  Image image;
+  VoxelImage image;
   try {
     const itk::ImageIOBase::Pointer io = make_image_io(format);
     if (!io->CanReadFile(path.string().c_str())) {
@@ -139,7 +139,7 @@ Image read_single_file(const fs::path& path, ImageUse use) {
   return image;
 }
 
-void write_single_file(const fs::path& path, const Image& image) {
+void write_single_file(const fs::path& path, const VoxelImage& image) {
   const itk::ImageIOBase::Pointer io = make_image_io(image_format(path));
   io->SetFileName(path.string());
   set_geometry(image.geometry, *io);
@@ -172,7 +172,7 @@ fs::path data_file(const fs::path& path) {
 
 }  // namespace
 
-Image read_image(const fs::path& path, ImageUse use) {
+VoxelImage read_image(const fs::path& path, ImageUse use) {
   std::error_code ignored;
   if (use == ImageUse::grey && fs::is_directory(path, ignored)) return read_dicom_series(path);
   return read_single_file(path, use);
@@ -191,7 +191,7 @@ void check_image_name(const fs::path& path) {
   }
 }
 
-void write_image(const fs::path& wanted, const Image& image) {
+void write_image(const fs::path& wanted, const VoxelImage& image) {
   check_image_name(wanted);
   const fs::path path = plain(wanted);
   // Written in a directory beside the target, then moved: data file first, header last.

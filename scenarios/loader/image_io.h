@@ -17,7 +17,7 @@ inline constexpr std::int64_t max_image_voxels = std::int64_t{1} << 28;
 
 enum class VoxelType { int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32, float64 };
 
-struct Image {
+struct VoxelImage {
   ImageGeometry geometry;
   VoxelType type = VoxelType::uint8;
   std::vector<char> bytes;  // voxels of that type, i fastest
@@ -65,7 +65,7 @@ enum class ImageUse { labels, grey };
 // format, not three dimensions, no voxel, more than one component, spacing that is not positive and finite
 // (accepted: 1e-3 to 1e3 mm), direction that is not orthonormal, truncated or damaged data; for labels,
 // floating-point or rescaled voxels.
-Image read_image(const std::filesystem::path& path, ImageUse use);
+VoxelImage read_image(const std::filesystem::path& path, ImageUse use);
 
 // Writes the image in the format that the name's ending says (.nrrd, .nii, .nii.gz, .mha, .mhd; no ending: a
 // folder with a DICOM series); .nrrd, .nii.gz and .mha compressed. It appears under its name only when it is
@@ -74,7 +74,7 @@ Image read_image(const std::filesystem::path& path, ImageUse use);
 //
 // Throws InputError for an unknown ending, a type that the format does not hold, a folder that is not empty;
 // EnvironmentError if writing fails.
-void write_image(const std::filesystem::path& path, const Image& image);
+void write_image(const std::filesystem::path& path, const VoxelImage& image);
 
 // Throws what write_image would throw because of the name, before the work is done.
 void check_image_name(const std::filesystem::path& path);

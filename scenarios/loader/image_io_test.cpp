@@ -38,9 +38,9 @@ class ImageFiles : public testing::Test {
 };
 
 // Whole numbers from 0 to 99 in any type, in a turned geometry.
-Image test_image(VoxelType type, bool mirrored = false) {
+VoxelImage test_image(VoxelType type, bool mirrored = false) {
   std::mt19937_64 random(7);
-  Image image;
+  VoxelImage image;
   image.geometry.size = {7, 5, 4};
   image.geometry.spacing = {0.0011, 0.0009, 0.0025};
   image.geometry.origin = {0.0135, -0.021, 0.033};
@@ -56,7 +56,7 @@ Image test_image(VoxelType type, bool mirrored = false) {
   return image;
 }
 
-std::vector<double> values_of(const Image& image) {
+std::vector<double> values_of(const VoxelImage& image) {
   std::vector<double> values;
   visit_voxel_type(image.type, [&]<class T>(T) {
     const T* from = reinterpret_cast<const T*>(image.bytes.data());
@@ -76,9 +76,9 @@ TEST_F(ImageFiles, OfEveryTypeAreReadAsTheyWereWritten) {
   for (const char* name : {"a.nrrd", "a.nii.gz", "a.mha"}) {
     for (int type = 0; type < 10; ++type) {
       SCOPED_TRACE(std::string(name) + " type " + std::to_string(type));
-      const Image image = test_image(static_cast<VoxelType>(type));
+      const VoxelImage image = test_image(static_cast<VoxelType>(type));
       write_image(directory_ / name, image);
-      const Image read = read_image(directory_ / name, ImageUse::grey);
+      const VoxelImage read = read_image(directory_ / name, ImageUse::grey);
       EXPECT_EQ(read.type, image.type);
       EXPECT_EQ(read.bytes, image.bytes);
       expect_same_place(read.geometry, image.geometry);
@@ -90,9 +90,9 @@ TEST_F(ImageFiles, DicomSeriesKeepWholeNumbersExactly) {
   for (const VoxelType type : {VoxelType::uint8, VoxelType::int16, VoxelType::uint16, VoxelType::int32}) {
     SCOPED_TRACE(static_cast<int>(type));
     const fs::path folder = directory_ / ("series" + std::to_string(static_cast<int>(type)));
-    const Image image = test_image(type);
+    const VoxelImage image = test_image(type);
     write_image(folder, image);
-    const Image read = read_image(folder, ImageUse::grey);
+    const VoxelImage read = read_image(folder, ImageUse::grey);
     EXPECT_EQ(values_of(read), values_of(image));
     expect_same_place(read.geometry, image.geometry);
     EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 4);
@@ -100,7 +100,7 @@ TEST_F(ImageFiles, DicomSeriesKeepWholeNumbersExactly) {
 }
 
 TEST_F(ImageFiles, DicomSeriesKeepNegativeNumbers) {
-  Image image = test_image(VoxelType::int16);
+  VoxelImage image = test_image(VoxelType::int16);
   const std::int16_t lowest = -1024;
   std::memcpy(image.bytes.data(), &lowest, sizeof lowest);
   write_image(directory_ / "series", image);
@@ -108,11 +108,11 @@ TEST_F(ImageFiles, DicomSeriesKeepNegativeNumbers) {
 }
 
 TEST_F(ImageFiles, DicomSeriesHoldRealNumbersToASixteenBitStep) {
-  Image image = test_image(VoxelType::float32);
+  VoxelImage image = test_image(VoxelType::float32);
   float* values = reinterpret_cast<float*>(image.bytes.data());
   for (int n = 0; n < 140; ++n) values[n] = -0.3F + 0.0071F * static_cast<float>(n * n % 97);
   write_image(directory_ / "stress", image);
-  const Image read = read_image(directory_ / "stress", ImageUse::grey);
+  const VoxelImage read = read_image(directory_ / "stress", ImageUse::grey);
   const std::vector<double> before = values_of(image), after = values_of(read);
   ASSERT_EQ(before.size(), after.size());
   double largest = 0;
@@ -124,9 +124,9 @@ TEST_F(ImageFiles, DicomSeriesHoldRealNumbersToASixteenBitStep) {
 // DICOM orders slices along their normal: a mirrored image comes back with its slices in the other order,
 // every voxel at its place in the world.
 TEST_F(ImageFiles, DicomSeriesOfMirroredImagesKeepEveryVoxelsPlace) {
-  const Image image = test_image(VoxelType::int16, true);
+  const VoxelImage image = test_image(VoxelType::int16, true);
   write_image(directory_ / "series", image);
-  const Image read = read_image(directory_ / "series", ImageUse::grey);
+  const VoxelImage read = read_image(directory_ / "series", ImageUse::grey);
   const std::vector<double> before = values_of(image), after = values_of(read);
   for (int k = 0; k < 4; ++k) {
     for (int v = 0; v < 35; ++v)
@@ -140,7 +140,7 @@ TEST_F(ImageFiles, DicomSeriesOfMirroredImagesKeepEveryVoxelsPlace) {
 }
 
 TEST_F(ImageFiles, DicomSeriesThatAreIncompleteOrMixedAreRefused) {
-  const Image image = test_image(VoxelType::int16);
+  const VoxelImage image = test_image(VoxelType::int16);
   write_image(directory_ / "a", image);
   fs::copy_file(directory_ / "a" / "slice_0002.dcm", directory_ / "kept.dcm");
   fs::remove(directory_ / "a" / "slice_0002.dcm");
@@ -148,7 +148,7 @@ TEST_F(ImageFiles, DicomSeriesThatAreIncompleteOrMixedAreRefused) {
   std::ofstream(directory_ / "a" / "slice_0002.dcm") << std::string(300, 'x');
   EXPECT_THROW(read_image(directory_ / "a", ImageUse::grey), InputError);
   fs::remove(directory_ / "a" / "slice_0002.dcm");
-  Image other = image;
+  VoxelImage other = image;
   other.bytes[0] = 1;
   write_image(directory_ / "b", other);
   fs::copy_file(directory_ / "b" / "slice_0002.dcm", directory_ / "a" / "slice_0002.dcm");
@@ -158,7 +158,7 @@ TEST_F(ImageFiles, DicomSeriesThatAreIncompleteOrMixedAreRefused) {
 }
 
 TEST_F(ImageFiles, DicomSeriesAreNotWrittenOverOthersNorBeyondSixteenBits) {
-  Image image = test_image(VoxelType::int32);
+  VoxelImage image = test_image(VoxelType::int32);
   std::ofstream(directory_ / "taken") << "x";
   expect_refused([&] { write_image(directory_ / "taken", image); }, "not an empty folder");
   fs::create_directory(directory_ / "full");
@@ -173,7 +173,7 @@ TEST_F(ImageFiles, DicomSeriesAreNotWrittenOverOthersNorBeyondSixteenBits) {
 
 // NIfTI's scl_slope: refused for labels, applied to grey values.
 TEST_F(ImageFiles, GreyValuesAreRescaledAsTheHeaderSays) {
-  const Image image = test_image(VoxelType::int16);
+  const VoxelImage image = test_image(VoxelType::int16);
   write_image(directory_ / "a.nii", image);
   std::fstream file(directory_ / "a.nii", std::ios::binary | std::ios::in | std::ios::out);
   const float slope = 0.5F, shift = 10;
@@ -181,7 +181,7 @@ TEST_F(ImageFiles, GreyValuesAreRescaledAsTheHeaderSays) {
   file.write(reinterpret_cast<const char*>(&slope), 4);
   file.write(reinterpret_cast<const char*>(&shift), 4);
   file.close();
-  const Image read = read_image(directory_ / "a.nii", ImageUse::grey);
+  const VoxelImage read = read_image(directory_ / "a.nii", ImageUse::grey);
   const std::vector<double> stored = values_of(image), values = values_of(read);
   ASSERT_EQ(values.size(), stored.size());
   for (std::size_t n = 0; n < values.size(); ++n) EXPECT_DOUBLE_EQ(values[n], 0.5 * stored[n] + 10);

@@ -28,7 +28,7 @@ void take_geometry(const std::filesystem::path& path, const Vec3& spacing_mm, co
 void check_voxel_count(const std::filesystem::path& path, const Index3& size);
 
 // A DICOM series, a file a slice.
-Image read_dicom_series(const std::filesystem::path& folder);
-void write_dicom_series(const std::filesystem::path& folder, const Image& image);  // which exists, empty
+VoxelImage read_dicom_series(const std::filesystem::path& folder);
+void write_dicom_series(const std::filesystem::path& folder, const VoxelImage& image);  // which exists, empty
 
 }  // namespace sulcus

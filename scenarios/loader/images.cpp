@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <limits>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -40,7 +41,7 @@ std::vector<fs::path> label_map_files(const fs::path& path) {
 
 LabelMap read_label_map(const fs::path& path) {
   LabelMap map;
-  const Image image = read_image(path, ImageUse::labels);
+  const VoxelImage image = read_image(path, ImageUse::labels);
   map.size = image.geometry.size;
   map.spacing = image.geometry.spacing;
   map.origin = image.geometry.origin;
@@ -59,9 +60,22 @@ LabelMap read_label_map(const fs::path& path) {
   return map;
 }
 
-Image label_image(const LabelMap& map) {
+GreyImage read_grey_image(const fs::path& path) {
+  const VoxelImage image = read_image(path, ImageUse::grey);
+  GreyImage grey{image.geometry, {}};
+  visit_voxel_type(image.type, [&]<class T>(T) {
+    const std::span<const T> values(reinterpret_cast<const T*>(image.bytes.data()),
+                                    image.bytes.size() / sizeof(T));
+    grey.values.resize(values.size());
+    std::transform(values.begin(), values.end(), grey.values.begin(),
+                   [](T v) { return static_cast<float>(v); });
+  });
+  return grey;
+}
+
+VoxelImage label_image(const LabelMap& map) {
   assert(map.labels.size() == map.index(0, 0, map.size[2]));
-  Image image{geometry_of(map), VoxelType::int32, {}};
+  VoxelImage image{geometry_of(map), VoxelType::int32, {}};
   const auto [low, high] = std::minmax_element(map.labels.begin(), map.labels.end());
   if (*low >= 0 && *high <= 255) {
     image.type = VoxelType::uint8;

@@ -22,7 +22,14 @@ LabelMap read_label_map(const std::filesystem::path& path);
 std::vector<std::filesystem::path> label_map_files(const std::filesystem::path& path);
 
 // The map as an image, in the smallest of uint8, int16, int32 that holds its labels.
-Image label_image(const LabelMap& map);
+VoxelImage label_image(const LabelMap& map);
+
+// A grey image with values of one type, rescaled as its header says.
+struct GreyImage {
+  ImageGeometry geometry;
+  std::vector<float> values;  // [voxels], i fastest
+};
+GreyImage read_grey_image(const std::filesystem::path& path);  // throws as read_image does
 
 // write_image(path, label_image(map))
 void write_label_map(const std::filesystem::path& path, const LabelMap& map);

@@ -12,6 +12,7 @@
 #include "scenarios/loader/devices.h"
 #include "scenarios/loader/parse_json.h"
 #include "scenarios/loader/parse_label_map.h"
+#include "scenarios/loader/parse_pictures.h"
 #include "scenarios/loader/parse_tools.h"
 
 namespace sulcus {
@@ -253,6 +254,8 @@ void read_checks(const json& object, Scenario& scenario, Problems& problems) {
   read(object, "energy_growth", checks.max_energy_growth);
   read(object, "max_hanging_elements", checks.max_hanging_elements);
   read(object, "min_hanging_energy_uJ", checks.min_hanging_energy_J);
+  read(object, "pieces_at_start", checks.pieces_at_start);
+  read(object, "pieces_at_end", checks.pieces_at_end);
   read(object, "contact_expected", checks.contact_expected);
   read_measures(object.value("measures", json::array()), scenario, problems);
   if (checks.min_hanging_energy_J) *checks.min_hanging_energy_J *= 1e-6;
@@ -260,51 +263,6 @@ void read_checks(const json& object, Scenario& scenario, Problems& problems) {
   if (checks.max_solver_error && scenario.measure_error_every_steps == 0) {
     scenario.warnings.push_back(
         "/checks/solver_error: nothing is measured, because /solver/measure_error_every_steps is 0");
-  }
-}
-
-ShotCamera read_camera(const json& object, const std::string& pointer, Problems& problems) {
-  ShotCamera camera;
-  read_mm(object, "eye_mm", camera.eye_m);
-  read_mm(object, "target_mm", camera.target_m);
-  read(object, "up", camera.up);
-  read(object, "field_of_view_deg", camera.field_of_view_deg);
-  const Vec3 view = camera.target_m - camera.eye_m;
-  if (!(view.cross(camera.up).norm() > 1e-6 * view.norm() * camera.up.norm())) {
-    problems.push_back(pointer + ": the camera looks along its up direction, or has no direction at all");
-  }
-  return camera;
-}
-
-void read_pictures(const json& object, Scenario& scenario, Problems& problems) {
-  read(object, "width", scenario.pictures.width);
-  read(object, "height", scenario.pictures.height);
-  std::optional<ShotCamera> common;
-  if (object.contains("camera")) common = read_camera(object["camera"], "/pictures/camera", problems);
-  std::set<std::string> names;
-  for (const json& shot_object : object.value("shots", json::array())) {
-    const std::string pointer = "/pictures/shots/" + std::to_string(scenario.pictures.shots.size());
-    Shot shot;
-    read(shot_object, "name", shot.name);
-    read(shot_object, "time_s", shot.time_s);
-    if (shot_object.value("show", "labels") == "max_principal_stress")
-      shot.show = ShotContent::max_principal_stress;
-    if (!names.insert(shot.name).second)
-      problems.push_back(pointer + "/name: \"" + shot.name + "\" is taken");
-    if (shot.time_s > scenario.duration_s) {
-      // no error, so that a run may be cut short from the command line
-      scenario.warnings.push_back(pointer + "/time_s: found " + text_of(shot.time_s) +
-                                  " s, the run ends at " + text_of(scenario.duration_s) +
-                                  " s: the picture is not taken");
-    }
-    if (shot_object.contains("camera")) {
-      shot.camera = read_camera(shot_object["camera"], pointer + "/camera", problems);
-    } else if (common) {
-      shot.camera = *common;
-    } else {
-      problems.push_back(pointer + ": no camera; give one here or in /pictures/camera");
-    }
-    scenario.pictures.shots.push_back(shot);
   }
 }
 
@@ -322,11 +280,8 @@ void read_colours(const json& object, Scenario& scenario, Problems& problems) {
 
 void read_golden(const json& object, GoldenSettings& golden) {
   read(object, "kept", golden.kept);
-  read(object, "series_every_steps", golden.series_every_steps);
-  read(object, "force_tolerance_N", golden.force_tolerance_N);
-  read_mm(object, "position_tolerance_mm", golden.position_tolerance_m);
-  read(object, "picture_tolerance", golden.picture_tolerance);
   read(object, "picture_conformity", golden.picture_conformity);
+  read(object, "picture_block_distance", golden.picture_block_distance);
 }
 
 }  // namespace
@@ -371,7 +326,7 @@ Scenario parse_scenario(const json& document, const std::string& place,
   read(part(document, "record"), "frame_every_steps", scenario.frame_every_steps);
   read(part(document, "record"), "energy_ledger", scenario.scene.ledger);
   read_checks(part(document, "checks"), scenario, problems);
-  read_pictures(part(document, "pictures"), scenario, problems);
+  read_pictures(part(document, "pictures"), directory, scenario, problems);
   read_colours(part(document, "label_colours"), scenario, problems);
   read_golden(part(document, "golden"), scenario.golden);
   if (!problems.empty()) throw InputError(list_problems(place, problems));
@@ -379,6 +334,8 @@ Scenario parse_scenario(const json& document, const std::string& place,
   json resolved = document;  // to be read again from anywhere
   if (const auto* file = std::get_if<std::filesystem::path>(&scenario.map_source))
     resolved["label_map"]["file"] = file->lexically_normal().string();
+  if (scenario.pictures.grey)
+    resolved["pictures"]["grey_image"]["file"] = scenario.pictures.grey->file.lexically_normal().string();
   scenario.resolved_json = resolved.dump(2) + "\n";
   return scenario;
 }

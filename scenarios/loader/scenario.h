@@ -142,6 +142,7 @@ struct Checks {
   std::optional<double> min_hanging_energy_J;                        // J, peak of their kinetic energy
   std::optional<double> max_energy_growth;     // share of the peak, while device and tools rest; none: 0.01
   std::optional<double> max_kinetic_energy_J;  // J, of the tissue at any step
+  std::optional<std::int64_t> pieces_at_start, pieces_at_end;  // of the mesh, exactly
   bool contact_expected = true;                // a run in which no tool touches the tissue fails
   std::vector<MeasureBounds> measures;
 };
@@ -152,28 +153,52 @@ struct ShotCamera {
   double field_of_view_deg = 30;                       // degrees, vertical
 };
 
-enum class ShotContent { labels, max_principal_stress };
+enum class ShotContent { labels, max_principal_stress, displacement };
+
+// What lies on the normal's side of a plane is taken away; the section shows the tissue as it lies there now.
+struct ShotCut {
+  Vec3 point_m = Vec3::Zero();   // m, world
+  Vec3 normal = Vec3::UnitZ();  // any length > 0, towards the viewer
+};
+
+// The section alone, looked at along its normal.
+struct ShotSlice {
+  Vec3 point_m = Vec3::Zero();                          // m, world, in the middle of the picture
+  Vec3 normal = Vec3::UnitZ(), up = Vec3::UnitY();  // any length > 0, not along each other
+  double height_m = 0.1;                                // m, of the picture, > 0
+};
 
 struct Shot {
   std::string name;   // part of a file name: letters, digits, '_', '-'
   double time_s = 0;  // s, within the duration
   ShotContent show = ShotContent::labels;
-  ShotCamera camera;  // its own, or the pictures' common one
+  std::optional<std::array<double, 2>> range;  // Pa or m, of the colours; without: what there is to show
+  std::optional<ShotCut> cut;                  // cut or slice, not both
+  std::optional<ShotSlice> slice;
+  bool grey = false;      // the section shows the grey image instead of labels
+  bool contacts = false;  // contact points, and the force on each tool as an arrow
+  bool golden = false;    // its picture is kept as a golden output
+  ShotCamera camera;      // its own, or the pictures' common one; none of a slice
+};
+
+// An image that the tissue carries along, shown in sections.
+struct GreySource {
+  std::filesystem::path file;
+  double black = 0, white = 255;  // values
 };
 
 struct Pictures {
   int width = 960, height = 720;  // pixels
+  double arrow_m_per_N = 0.1;     // m of an arrow for each N
+  std::optional<GreySource> grey;
   std::vector<Shot> shots;
 };
 
-// How a run is compared with its golden record.
+// What is kept as golden, and how its pictures are compared: after CIELAB, as an eye would.
 struct GoldenSettings {
   bool kept = true;                    // false: none, the run is judged by its statements alone
-  int series_every_steps = 10;         // decimation of the stored series
-  double force_tolerance_N = 1e-3;     // N
-  double position_tolerance_m = 1e-5;  // m
-  int picture_tolerance = 8;           // of 255, a channel of a pixel
-  double picture_conformity = 0.995;   // share of pixels that must be within the tolerance
+  double picture_conformity = 0.995;   // share of pixels that must look the same
+  double picture_block_distance = 10;  // Delta E of the means of any 4 x 4 pixels, at most
 };
 
 struct Scenario {

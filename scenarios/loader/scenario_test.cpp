@@ -144,9 +144,8 @@ TEST(Scenarios, DefaultsOfTheSchemaAreThoseOfTheEngine) {
   EXPECT_EQ(scenario.scene.tools[0].coupling.rotational_damping_N_m_s_rad,
             default_of(coupling + "rotational_damping_N_m_s_rad"));
   const std::string golden = "/properties/golden/properties/";
-  EXPECT_EQ(scenario.golden.force_tolerance_N, default_of(golden + "force_tolerance_N"));
-  EXPECT_DOUBLE_EQ(scenario.golden.position_tolerance_m * 1000, default_of(golden + "position_tolerance_mm"));
   EXPECT_EQ(scenario.golden.picture_conformity, default_of(golden + "picture_conformity"));
+  EXPECT_EQ(scenario.golden.picture_block_distance, default_of(golden + "picture_block_distance"));
 }
 
 TEST(Overrides, SetNumbersTextsAndWholeParts) {

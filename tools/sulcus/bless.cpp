@@ -6,13 +6,12 @@
 #include "engine/numerics/error.h"
 #include "tools/sulcus/build_info.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/golden_pictures.h"
 #include "tools/sulcus/process.h"
 #include "tools/sulcus/support.h"
 #include "tools/sulcus/temporary_folder.h"
 #include "verify/golden.h"
 #include "verify/golden_provenance.h"
-#include "verify/picture_diff.h"
-#include "verify/png.h"
 
 namespace sulcus {
 namespace fs = std::filesystem;
@@ -90,19 +89,6 @@ RunData record(const BlessOptions& bless, const Variant& variant, bool pictures,
   return read_run(out / "run.h5");
 }
 
-// Two pictures: the first, and the one in the middle, where most is to be seen.
-void write_golden_pictures(const fs::path& run, const fs::path& folder) {
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (entry.path().extension() == ".png") fs::remove(entry.path(), error);
-  }
-  const std::vector<fs::path> pictures = picture_files(run);
-  for (const std::size_t p : {std::size_t{0}, pictures.size() / 2}) {
-    if (p < pictures.size())
-      write_png(shrunk(read_png(pictures[p]), golden_picture_factor), folder / pictures[p].filename());
-  }
-}
-
 void print_changes(const std::vector<GoldenChange>& changes) {
   for (const GoldenChange& change : changes) {
     std::printf("%-48s %s -> %s %s", change.quantity.c_str(), change.before.c_str(), change.now.c_str(),
@@ -144,7 +130,7 @@ int bless_command(const BlessOptions& options) {
   const fs::path folder = options.golden / scenario.name;
   const std::string before = read_text(folder / "golden.json");
   write_golden(run, folder, measured);
-  write_golden_pictures(temporary.path / "run", folder);
+  write_golden_pictures(scenario, temporary.path / "run", folder);
   const std::vector<GoldenChange> changes = golden_changes(before, read_text(folder / "golden.json"));
   write_provenance(folder, options.why, run.header.build, changes);
   print_changes(changes);

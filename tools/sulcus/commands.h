@@ -110,7 +110,7 @@ int report_command(const ReportOptions& options);
 struct MovieOptions {
   std::filesystem::path run;              // folder of a run, or run.h5
   std::filesystem::path out = "run.mp4";  // or .gif
-  bool stress = false;                    // colours by the largest principal stress
+  std::string shot;                       // of the scenario, whose view is taken; empty: the first
 };
 int movie_command(const MovieOptions& options);
 

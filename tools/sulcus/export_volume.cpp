@@ -69,8 +69,8 @@ T fill_value(double fill, const fs::path& image) {
   return static_cast<T>(fill);
 }
 
-Image resampled(const Image& image, const TissueImage& tissue, const ExportOptions& options) {
-  Image result{image.geometry, image.type, {}};
+VoxelImage resampled(const VoxelImage& image, const TissueImage& tissue, const ExportOptions& options) {
+  VoxelImage result{image.geometry, image.type, {}};
   visit_voxel_type(image.type, [&]<class T>(T) {
     const std::span<const T> values(reinterpret_cast<const T*>(image.bytes.data()),
                                     image.bytes.size() / sizeof(T));
@@ -84,7 +84,7 @@ Image resampled(const Image& image, const TissueImage& tissue, const ExportOptio
   return result;
 }
 
-Image stress_image(const Scene& scene, const State& state, const TissueImage& tissue,
+VoxelImage stress_image(const Scene& scene, const State& state, const TissueImage& tissue,
                    const ImageGeometry& geometry) {
   const std::vector<double> stress = max_principal_stress(scene, state);
   const std::vector<float> single(stress.begin(), stress.end());
@@ -112,11 +112,11 @@ int export_volume_command(const ExportOptions& options) {
   const RunData run = read_run(recording);
   const Moment moment = nearest_moment(recording, run, options.at_s);
   const Scene scene = recorded_scene(recording, run);
-  const Image image =
+  const VoxelImage image =
       options.like.empty() ? label_image(scene.settings.map) : read_image(options.like, ImageUse::grey);
   const TissueImage tissue = locate_tissue(scene.settings.map, scene.mesh, moment.state.positions,
                                            moment.state.alive, image.geometry);
-  const Image result = resampled(image, tissue, options);
+  const VoxelImage result = resampled(image, tissue, options);
   const auto voxels = static_cast<std::int64_t>(tissue.voxel.size());
   const std::int64_t held = voxels - tissue.background_voxels - tissue.gap_voxels - tissue.folded_voxels;
   if (held == 0) {

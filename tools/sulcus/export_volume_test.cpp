@@ -66,9 +66,9 @@ class ExportVolume : public testing::Test {
   }
 
   // A grey image in a space of its own that covers the tissue.
-  static Image grey_image() {
+  static VoxelImage grey_image() {
     std::mt19937_64 random(5);
-    Image image;
+    VoxelImage image;
     image.geometry.size = {61, 57, 3};
     image.geometry.spacing = {0.0009, 0.0008, 0.002};
     image.geometry.origin = {-0.027, 0.0227, -0.002};
@@ -88,7 +88,7 @@ TEST_F(ExportVolume, AtRestIsTheLabelMapExactly) {
 }
 
 TEST_F(ExportVolume, AtRestIsAnyGreyImageExactly) {
-  const Image image = grey_image();
+  const VoxelImage image = grey_image();
   write_image(folder() / "mri.nii.gz", image);
   for (const char* interpolation : {"nearest", "linear"}) {
     for (const char* name : {"grey.mha", "grey.nii.gz", "grey_series"}) {
@@ -96,7 +96,7 @@ TEST_F(ExportVolume, AtRestIsAnyGreyImageExactly) {
       rest.like = folder() / "mri.nii.gz";
       rest.interpolation = interpolation;
       export_volume(rest);
-      const Image again = read_image(rest.out, ImageUse::grey);
+      const VoxelImage again = read_image(rest.out, ImageUse::grey);
       fs::remove_all(rest.out);
       EXPECT_EQ(again.type, image.type);
       if (std::string(name) == "grey_series") continue;  // mirrored: its slices are in the other order
@@ -121,7 +121,7 @@ TEST_F(ExportVolume, OpenedShowsTheGapsWithTheFillValueAndCountsThem) {
   bool opened = false;
   for (int j = 0; j < map.size[1]; ++j) opened = opened || at(moved, 22, j) == 9;
   EXPECT_TRUE(opened);
-  const Image stress = read_image(folder() / "open_max_principal_stress.nrrd", ImageUse::grey);
+  const VoxelImage stress = read_image(folder() / "open_max_principal_stress.nrrd", ImageUse::grey);
   EXPECT_EQ(stress.type, VoxelType::float32);
   const float* values = reinterpret_cast<const float*>(stress.bytes.data());
   EXPECT_GT(*std::max_element(values, values + map.voxel_count()), 10.0F);  // Pa
@@ -137,7 +137,7 @@ TEST_F(ExportVolume, RefusesWhatItCannotDo) {
   ExportOptions fill = options("fill.nrrd", 0);
   fill.fill = 0.5;
   expect_refused(fill, "--fill");
-  Image elsewhere = grey_image();
+  VoxelImage elsewhere = grey_image();
   elsewhere.geometry.origin += Vec3(1, 0, 0);  // m
   write_image(folder() / "elsewhere.nrrd", elsewhere);
   ExportOptions other = options("other.nrrd", 0);

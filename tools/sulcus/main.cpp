@@ -186,9 +186,9 @@ int command_line(int argc, char** argv) {
   session_app->callback([&] { code = sulcus::session_command(session); });
 
   sulcus::RecoverOptions recover;
-  auto* recover_app = app.add_subcommand("recover", "makes a recording of a session that was killed");
+  auto* recover_app = app.add_subcommand("recover", "makes a recording of a session or a run that was killed");
   recover_app->footer("Example: sulcus recover session_20260131_101500");
-  recover_app->add_option("DIR", recover.folder, "folder of the session")->required();
+  recover_app->add_option("DIR", recover.folder, "folder of the session or run")->required();
   recover_app->add_option("--threads", recover.threads, "threads of the engine (default: all)")
       ->check(CLI::Range(1, 256));
   recover_app->callback([&] { code = sulcus::recover_command(recover); });
@@ -218,7 +218,7 @@ int command_line(int argc, char** argv) {
   movie_app->footer("Example: sulcus movie /tmp/run/run.h5 --out run.mp4");
   movie_app->add_option("RUN", movie.run, "folder of a run, or run.h5")->required();
   movie_app->add_option("--out", movie.out, "film, .mp4 or .gif")->capture_default_str();
-  movie_app->add_flag("--stress", movie.stress, "colours by the largest principal stress");
+  movie_app->add_option("--shot", movie.shot, "picture of the scenario whose view and colours it takes");
   movie_app->callback([&] { code = sulcus::movie_command(movie); });
 
   sulcus::MeshOptions mesh;

@@ -22,6 +22,37 @@ State state_of(const RunData& run, const Frame& frame) {
   return state;
 }
 
+// Of the step that led to a frame.
+std::vector<Vec3> recorded_forces(const RunData& run, const Frame& frame) {
+  std::vector<Vec3> forces;
+  const auto add = [&](const std::string& body, std::size_t number) {
+    const Series* force = run.find(body + "/" + std::to_string(number) + "/contact_force_N");
+    const auto at = static_cast<std::size_t>(3 * (frame.step - 1));
+    const bool there = force != nullptr && frame.step > 0 && at + 3 <= force->values.size();
+    forces.push_back(there ? Vec3(force->values[at], force->values[at + 1], force->values[at + 2])
+                           : Vec3::Zero());
+  };
+  for (std::size_t t = 0; t < run.header.tool_names.size(); ++t) add("tools", t);
+  for (std::size_t o = 0; o < run.header.obstacle_names.size(); ++o) add("obstacles", o);
+  return forces;
+}
+
+// Without its name, which would stand in every frame.
+Shot wanted_shot(const Scenario& scenario, const std::string& name, const fs::path& recording) {
+  std::string names;
+  for (Shot shot : scenario.pictures.shots) {
+    names += (names.empty() ? "" : ", ") + shot.name;
+    if (!name.empty() && name != shot.name) continue;
+    shot.name.clear();
+    return shot;
+  }
+  if (names.empty())
+    throw InputError(recording.string() +
+                     ": its scenario has no pictures, so nobody knows where to look from");
+  throw InputError(recording.string() + ": its scenario has no picture \"" + name + "\"; give one of " +
+                   names);
+}
+
 // Frames a second, so that a second of the film is one of the run; of a film of few frames, slower.
 double frames_per_second(const RunData& run) {
   const double duration_s = run.frames.back().time_s - run.frames.front().time_s;
@@ -49,25 +80,23 @@ int movie_command(const MovieOptions& options) {
     throw InputError(recording.string() +
                      ": has no frames of the mesh that its scenario gives, so there is no film");
 
-  Shot shot;
-  for (const Shot& candidate : scenario.pictures.shots) {
-    const bool wanted = (candidate.show == ShotContent::max_principal_stress) == options.stress;
-    if (shot.name.empty() || wanted) shot = candidate;
-    if (wanted) break;
-  }
-  if (shot.name.empty())
-    throw InputError(recording.string() +
-                     ": its scenario has no pictures, so nobody knows where to look from");
-  shot.name.clear();
-  shot.show = options.stress ? ShotContent::max_principal_stress : ShotContent::labels;
+  Shot shot = wanted_shot(scenario, options.shot, recording);
   scenario.pictures.width = scenario.pictures.width / 2 * 2;  // as the codec asks
   scenario.pictures.height = scenario.pictures.height / 2 * 2;
   ShotRenderer renderer(scenario, scene);
+  const auto seen = [&](std::size_t f) {
+    return ShotFrame{shot, state_of(run, run.frames[f]), recorded_forces(run, run.frames[f])};
+  };
+  if (!shot.range) {
+    std::optional<std::array<double, 2>> range;
+    for (const Frame& frame : run.frames) widen_range(scene, state_of(run, frame), shot, range);
+    shot.range = range;
+  }
   Progress progress(scenario.name + ": frames", static_cast<std::int64_t>(run.frames.size()));
   for (std::size_t f = 0; f < run.frames.size(); ++f) {
     char name[32];
     std::snprintf(name, sizeof name, "%06zu.png", f);
-    write_png(renderer.image(shot, state_of(run, run.frames[f])), folder.path / name);
+    write_png(renderer.image(seen(f)), folder.path / name);
     progress.at(static_cast<std::int64_t>(f) + 1);
   }
 

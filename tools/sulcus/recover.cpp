@@ -3,12 +3,25 @@
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/support.h"
+#include "tools/sulcus/torn.h"
 #include "verify/fingerprint.h"
 #include "verify/session_log.h"
 #include "verify/summary.h"
 
 namespace sulcus {
 namespace fs = std::filesystem;
+
+namespace {
+
+void note_end(const Scene& scene, const State& state, RunWriter& writer) {
+  writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  if (!scene.fracture) return;
+  HangingRecord hanging;
+  look_at_hanging(scene, state, hanging);
+  record_torn(scene, state, hanging, writer);
+}
+
+}  // namespace
 
 void record_log(const fs::path& log, const fs::path& out, const Scenario& scenario, const Scene& scene,
                 int threads) {
@@ -17,7 +30,7 @@ void record_log(const fs::path& log, const fs::path& out, const Scenario& scenar
   const SessionEngine engine{[&](State& state, std::span<const DeviceSample> samples) {
                                step(scene, samples, state, report, *workspace);
                              },
-                             [&](const State& state) { return count_inverted(scene, state); }};
+                             [&](const State& state, RunWriter& writer) { note_end(scene, state, writer); }};
   const RecoveredSession session = record_session_log(log, out / "run.h5", engine);
   fs::remove(log);
   const RunData run = read_run(out / "run.h5");
@@ -53,7 +66,8 @@ void print_session(const RunData& run) {
 int recover_command(const RecoverOptions& options) {
   const fs::path log = options.folder / "run.h5.log";
   if (!fs::exists(log))
-    throw InputError(log.string() + ": there is no log of a session, so there is nothing to recover");
+    throw InputError(log.string() +
+                     ": there is no log of a session or a run, so there is nothing to recover");
   const RunHeader header = read_session_log_header(log);
   const Scenario scenario = load_scenario_text(header.scenario_json, log.string(), ".");
   const Scene scene = make_scene(scenario);
@@ -61,7 +75,7 @@ int recover_command(const RecoverOptions& options) {
   if (now.rest_positions != header.rest_positions || now.tets != header.tets ||
       now.tool_names != header.tool_names) {
     throw InputError(log.string() +
-                     ": the scenario in it gives another mesh or other tools than the session had; was its "
+                     ": the scenario in it gives another mesh or other tools than it was made with; was its "
                      "label map changed?");
   }
   record_log(log, options.folder, scenario, scene, threads_or_all(options.threads));

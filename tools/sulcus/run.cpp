@@ -6,6 +6,7 @@
 #include "engine/scene/precision_error.h"
 #include "engine/scene/pieces.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/run_recorder.h"
 #include "tools/sulcus/shots.h"
 #include "tools/sulcus/support.h"
 #include "tools/sulcus/torn.h"
@@ -78,18 +79,6 @@ void print_warnings(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
 }
 
-// The clock, and the hashes, which take time that is none of the step's.
-struct Observers : StageObserver {
-  Observers(StageClock& the_clock, StepTree& the_tree) : clock(the_clock), tree(the_tree) {}
-  void stage_done(Stage stage) override {
-    clock.stage_done(stage);
-    tree.stage_done(stage);
-    clock.go_on();
-  }
-  StageClock& clock;
-  StepTree& tree;
-};
-
 // Every coordinate one ulp up or down, at random.
 void shift_by_an_ulp(std::uint64_t seed, State& state) {
   std::mt19937_64 random(seed);
@@ -101,11 +90,11 @@ class ShotCollector {
  public:
   ShotCollector(const Scenario& scenario) : scenario_(scenario) {}
 
-  void look(const State& state) {
+  void look(const State& state, const StepReport& report) {
     const double time_s = static_cast<double>(state.step) * scenario_.scene.step_s;
     for (const Shot& shot : scenario_.pictures.shots) {
       if (std::fabs(shot.time_s - time_s) <= 0.5 * scenario_.scene.step_s && !taken(shot.name)) {
-        frames_.push_back({shot, state});
+        frames_.push_back({shot, state, contact_forces(report)});
       }
     }
   }
@@ -141,21 +130,20 @@ int run_command(const RunOptions& options) {
   if (options.start_shift_seed != 0) shift_by_an_ulp(options.start_shift_seed, state);
   RunHeader header = recording_header(scenario, scene, options.overrides, threads);
   header.stage_leaves = stage_leaf_names();
-  RunWriter writer(options.out / "run.h5", header, state);
-  for (const std::string& warning : warnings) writer.add_warning(warning);
-  for (const std::string& note : notes) writer.add_event(0, note);
+  RunRecorder recorder(options.out, header, state);
+  for (const std::string& warning : warnings) recorder.warning(warning);
+  for (const std::string& note : notes) recorder.event(0, note);
   if (options.start_shift_seed != 0)
-    writer.add_event(0, "every coordinate was moved by one ulp at the start");
-  for (const auto& [name, value] : topology_numbers(scene)) writer.set_number(name, value);
+    recorder.event(0, "every coordinate was moved by one ulp at the start");
+  for (const auto& [name, value] : topology_numbers(scene)) recorder.number(name, value);
 
   WorkspacePtr workspace = make_workspace(scene, threads);
   StepReport report = make_report(scene);
   ShotCollector shots(scenario);
   StageClock clock;
   StepTree tree(*workspace);
-  Observers observers(clock, tree);
-  shots.look(state);
-  writer.write_frame(state, 0);
+  ClockAndTree observers(clock, tree);
+  shots.look(state, report);
   const std::int64_t steps = scenario.steps();
   bool torn = false;
   HangingRecord hanging;
@@ -166,18 +154,18 @@ int run_command(const RunOptions& options) {
     for (std::int64_t n = 0; n < steps && !device_failed; ++n) {
       std::vector<std::string> events;
       device_failed = !hands.read(static_cast<double>(n + 1) * h, events);
-      for (const std::string& event : events) writer.add_event(n, event);
+      for (const std::string& event : events) recorder.event(n, event);
       if (device_failed) break;
       const std::vector<DeviceSample>& samples = hands.samples();
       const int every = scenario.measure_error_every_steps;
       if (every > 0 && n % every == every - 1) {
-        writer.write_solver_error(n, measure_solver_error(scene, samples, state, threads));
+        recorder.solver_error(n, measure_solver_error(scene, samples, state, threads));
         precision_error = std::fmax(precision_error, measure_precision_error(scene, samples, state, threads));
       }
       tree.begin(samples);
       clock.start();
       step(scene, samples, state, report, *workspace, &observers);
-      writer.write_step(samples, report, state, clock.seconds(), clock.total(), tree.hashes());
+      recorder.step(samples, report, state, clock.seconds(), clock.total(), tree.hashes());
       for (std::size_t t = 0; t < samples.size(); ++t) {
         if (report.tools[t].contacts > 0) last_touch[t] = n;
         hands.write(
@@ -185,32 +173,32 @@ int run_command(const RunOptions& options) {
       }
       if (!report.finite) {
         const std::string why = explain_failure(scene, samples, state);
-        writer.add_event(n, "stopped: " + why);
+        recorder.event(n, "stopped: " + why);
         std::fprintf(stderr, "%s: step %lld: the run stops here: %s\n", scenario.name.c_str(),
                      static_cast<long long>(n), why.c_str());
         break;
       }
       if (report.fracture && report.fracture->by_criterion > 0 && !torn) {
-        writer.add_event(n, "the tissue begins to tear");
+        recorder.event(n, "the tissue begins to tear");
         torn = true;
       }
-      shots.look(state);
+      shots.look(state, report);
       if (scene.fracture && state.step % scenario.frame_every_steps == 0)
         look_at_hanging(scene, state, hanging);
-      if (state.step % scenario.frame_every_steps == 0) writer.write_frame(state, report.time_s);
+      if (state.step % scenario.frame_every_steps == 0) recorder.frame(state);
       progress.at(n + 1);
     }
   }
   for (std::size_t t = 0; t < last_touch.size(); ++t) {
     if (last_touch[t] >= 0 && last_touch[t] + 1 < steps)
-      writer.add_event(last_touch[t] + 1, scene.settings.tools[t].name + " touches nothing from here on");
+      recorder.event(last_touch[t] + 1, scene.settings.tools[t].name + " touches nothing from here on");
   }
   hands.close();
-  if (hands.held() > 0) writer.set_number("held_samples", static_cast<double>(hands.held()));
-  writer.set_number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
-  if (precision_error > 0) writer.set_number("single_precision_error", precision_error);
-  if (scene.fracture) record_torn(scene, state, hanging, writer);
-  writer.finish(state);
+  if (hands.held() > 0) recorder.number("held_samples", static_cast<double>(hands.held()));
+  recorder.number("inverted_elements_at_end", static_cast<double>(count_inverted(scene, state)));
+  if (precision_error > 0) recorder.number("single_precision_error", precision_error);
+  if (scene.fracture) record_torn(scene, state, hanging, recorder.writer());
+  recorder.finish(state);
 
   if (options.pictures) render_shots(scenario, scene, shots.frames(), options.out / "pictures");
   const RunData run = read_run(options.out / "run.h5");

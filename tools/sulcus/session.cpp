@@ -68,6 +68,7 @@ RunHeader session_header(const SessionOptions& options, const Scenario& scenario
                          const std::vector<std::unique_ptr<Hand>>& hands, int threads) {
   RunHeader header = recording_header(scenario, scene, options.overrides, threads);
   if (!options.from.empty()) header.inputs[options.from.string()] = hash_file(options.from);
+  header.stage_leaves = stage_leaf_names();
   header.session.emplace();
   for (const auto& hand : hands) {
     header.session->devices.push_back(hand->device().capabilities().model);

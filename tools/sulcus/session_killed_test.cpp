@@ -68,7 +68,7 @@ TEST(KilledSession, IsRecoveredAndRunsAgain) {
     try {
       ASSERT_EQ(recover_command({folder / "out", 1}), 0);
     } catch (const InputError& error) {  // killed while the first chunk was being written
-      EXPECT_NE(std::string(error.what()).find("before the session began"), std::string::npos)
+      EXPECT_NE(std::string(error.what()).find("before the first step"), std::string::npos)
           << error.what();
       continue;
     }

@@ -122,9 +122,12 @@ SessionOutcome run_session(const Scene& scene, const SessionPlan& plan,
   StepReport report = make_report(scene);
   StepRow row;
   StageClock stages;
+  StepTree tree(*workspace);
+  ClockAndTree observers(stages, tree);
   {  // once beforehand, on a copy: the first step allocates and touches memory
     State copy = state;
-    step(scene, samples, copy, report, *workspace);
+    tree.begin(samples);
+    step(scene, samples, copy, report, *workspace, &observers);
     make_step_row(header, report, copy, stages.seconds(), 0, row);
   }
   Consumer consumer(hands, std::move(samples), log);
@@ -145,9 +148,11 @@ SessionOutcome run_session(const Scene& scene, const SessionPlan& plan,
     if (result == Consumer::Result::ended && ends(SessionEnd::device_ended)) break;
     if (result == Consumer::Result::fault && ends(SessionEnd::device_fault)) break;
 
+    tree.begin(consumer.samples());
     stages.start();
-    step(scene, consumer.samples(), state, report, *workspace, &stages);
+    step(scene, consumer.samples(), state, report, *workspace, &observers);
     make_step_row(header, report, state, stages.seconds(), stages.total(), row);
+    row.stage_hashes.assign(tree.hashes().begin(), tree.hashes().end());
     times.published_s = clock.now_s();
     const bool taken = log.push_step(report.step, consumer.samples(), times, row);
     if ((!taken || log.failed()) && ends(SessionEnd::recorder)) break;

@@ -95,7 +95,7 @@ int static_command(const StaticOptions& options) {
 
   if (options.pictures) {
     std::vector<ShotFrame> frames;
-    for (const Shot& shot : scenario.pictures.shots) frames.push_back({shot, state});
+    for (const Shot& shot : scenario.pictures.shots) frames.push_back({shot, state, {}});
     render_shots(scenario, scene, frames, options.out / "pictures");
   }
   const RunData run = read_run(options.out / "run.h5");

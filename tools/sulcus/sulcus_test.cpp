@@ -403,18 +403,6 @@ TEST_F(Command, PlacesThatCannotBeWrittenToAreSaid) {
   EXPECT_TRUE(contains(run.output, "/proc/sulcus")) << run.output;
 }
 
-TEST_F(Command, AFullDiskIsSaidAndLeavesNoFinishedRecording) {
-  const fs::path disk = folder / "disk";
-  fs::create_directories(disk);
-  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=200k") != 0)
-    GTEST_SKIP() << "no right to mount a small disk";
-  const Result run = command("run cylinder_retraction --no-pictures --out " + (disk / "run").string());
-  EXPECT_EQ(run.code, 3) << run.output;
-  EXPECT_TRUE(contains(run.output, "error: ")) << run.output;
-  EXPECT_FALSE(fs::exists(disk / "run" / "run.h5"));
-  EXPECT_EQ(umount(disk.c_str()), 0);
-}
-
 TEST_F(Command, ForceDoesNotEmptyAFolderThatIsNoRun) {
   fs::create_directories(folder / "precious");
   std::ofstream(folder / "precious" / "thesis.txt") << "years of work";

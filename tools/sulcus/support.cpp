@@ -12,12 +12,11 @@
 #include "engine/numerics/isa.h"
 #include "tools/sulcus/build_info.h"
 #include "tools/sulcus/git_version.h"
+#include "tools/sulcus/golden_pictures.h"
 #include "verify/fingerprint.h"
 #include "verify/golden.h"
 #include "verify/golden_provenance.h"
 #include "verify/measures.h"
-#include "verify/picture_diff.h"
-#include "verify/png.h"
 #include "verify/summary.h"
 
 namespace sulcus {
@@ -47,16 +46,6 @@ fs::path find_scenario(const std::string& name_or_path) {
 
 fs::path golden_folder(const fs::path& golden, const std::string& scenario) {
   return fs::exists(golden / "golden.json") ? golden : golden / scenario;
-}
-
-std::vector<fs::path> picture_files(const fs::path& run_dir) {
-  std::vector<fs::path> files;
-  if (!fs::is_directory(run_dir / "pictures")) return files;
-  for (const auto& entry : fs::directory_iterator(run_dir / "pictures")) {
-    if (entry.path().extension() == ".png") files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  return files;
 }
 
 void prepare_folder(const fs::path& out, bool force) {
@@ -126,6 +115,8 @@ StatementBounds bounds_of(const Scenario& scenario) {
                              scenario.checks.min_hanging_energy_J};
   }
   bounds.max_kinetic_energy_J = scenario.checks.max_kinetic_energy_J;
+  bounds.pieces_at_start = scenario.checks.pieces_at_start;
+  bounds.pieces_at_end = scenario.checks.pieces_at_end;
   return bounds;
 }
 
@@ -187,35 +178,6 @@ std::vector<Measure> measures_of(const Scenario& scenario) {
   return measures;
 }
 
-void check_pictures(const fs::path& run_dir, const fs::path& golden, const GoldenSettings& settings,
-                    std::vector<Check>& checks) {
-  if (!fs::is_directory(golden)) return;   // compare_golden has said so
-  constexpr double just_noticeable = 2.3;  // CIELAB distance
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(golden)) {
-    if (entry.path().extension() == ".png") files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  for (const fs::path& file : files) {
-    const std::string name = "golden/" + file.filename().string();
-    const fs::path now = run_dir / "pictures" / file.filename();
-    if (!fs::exists(now)) {
-      checks.push_back(failed_check(name, "values", "the run has no picture of this name"));
-      continue;
-    }
-    const Image expected = read_png(file), found = shrunk(read_png(now), golden_picture_factor);
-    if (expected.width != found.width || expected.height != found.height) {
-      checks.push_back(failed_check(name, "values", "the pictures differ in size"));
-      continue;
-    }
-    const PictureDifference difference = compare_pictures(expected, found, 2 * just_noticeable);
-    checks.push_back(check_at_most(name, "values", difference.differing_fraction,
-                                   1 - settings.picture_conformity, "",
-                                   static_cast<std::int64_t>(expected.width) * expected.height,
-                                   "share of pixels that an eye tells apart"));
-  }
-}
-
 }  // namespace
 
 std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const fs::path& golden) {
@@ -235,7 +197,7 @@ std::vector<Check> check_run(const RunData& run, const fs::path& run_dir, const 
   if (!golden.empty() && scenario.golden.kept) {
     const fs::path folder = golden_folder(golden, run.header.scenario_name);
     for (Check& check : compare_golden(run, folder)) checks.push_back(std::move(check));
-    check_pictures(run_dir, folder, scenario.golden, checks);
+    for (Check& check : check_pictures(run_dir, folder, scenario.golden)) checks.push_back(std::move(check));
     checks.push_back(check_provenance(folder));
   }
   return checks;

@@ -12,6 +12,7 @@
 #include "verify/check.h"
 #include "verify/recording.h"
 #include "verify/statements.h"
+#include "verify/step_tree.h"
 
 namespace sulcus {
 
@@ -43,10 +44,6 @@ void print_session(const RunData& run);  // nothing for a recording that is no s
 std::vector<Check> check_run(const RunData& run, const std::filesystem::path& run_dir,
                              const std::filesystem::path& golden);
 std::filesystem::path golden_folder(const std::filesystem::path& golden, const std::string& scenario);
-
-// Pictures of a run's folder, in order of the shots. Golden ones are kept small: a third of the size.
-std::vector<std::filesystem::path> picture_files(const std::filesystem::path& run_dir);
-inline constexpr int golden_picture_factor = 3;
 
 // Shows on standard error how far a long job is, from two seconds on, once a second.
 class Progress {
@@ -85,6 +82,18 @@ class StageClock : public StageObserver {
  private:
   std::array<double, stage_count> seconds_{};
   std::chrono::steady_clock::time_point last_;
+};
+
+// Both, and the hashes take time that is none of the step's.
+struct ClockAndTree : StageObserver {
+  ClockAndTree(StageClock& the_clock, StepTree& the_tree) : clock(the_clock), tree(the_tree) {}
+  void stage_done(Stage stage) override {
+    clock.stage_done(stage);
+    tree.stage_done(stage);
+    clock.go_on();
+  }
+  StageClock& clock;
+  StepTree& tree;
 };
 
 }  // namespace sulcus

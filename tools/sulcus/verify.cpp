@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/golden_pictures.h"
 #include "tools/sulcus/support.h"
 #include "verify/fingerprint.h"
 #include "verify/junit.h"
@@ -71,8 +72,11 @@ int report_command(const ReportOptions& options) {
     input.description = scenario.description;
     input.run = &run;
     input.checks = check_run(run, dir, options.golden);
-    if (!options.golden.empty() && scenario.golden.kept)
-      input.golden = golden_bands(golden_folder(options.golden, run.header.scenario_name));
+    if (!options.golden.empty() && scenario.golden.kept) {
+      const fs::path golden = golden_folder(options.golden, run.header.scenario_name);
+      input.golden = golden_bands(golden);
+      input.differences = differing_pictures(dir, golden, scenario.golden);
+    }
     for (const fs::path& file : picture_files(dir)) {
       std::string caption = file.stem().string().substr(3);
       for (char& c : caption) c = c == '_' ? ' ' : c;
