@@ -368,6 +368,8 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
         "results "
         "would not be repeatable; a library built with -ffast-math does that: find it and leave it out");
   }
+  // below two blocks of 16 nodes a thread waits for the others longer than it works
+  threads = std::clamp(static_cast<int>(scene.sparsity.chunks / 2), 1, threads);
   WorkspacePtr workspace(new Workspace);
   workspace->threads = threads;
   const SolverSettings& solver = scene.settings.solver;
