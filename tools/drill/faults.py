@@ -84,9 +84,8 @@ FAULTS = [
           "contact.depth_m = -sample.distance;", "contact.depth_m = (FAULT ? -0.5 : -1.0) * sample.distance;",
           CYLINDER, "values"),
     Fault("contacts that pull are kept", STEP,
-          "const bool dropped = drop_pulling_contacts(scene, state, workspace, report) || released;",
-          "const bool dropped =\n"
-          "        (!FAULT && drop_pulling_contacts(scene, state, workspace, report)) || released;", CYLINDER, "statement"),
+          "const bool dropped = drop_pulling_contacts(scene, state, workspace, report);",
+          "const bool dropped = !FAULT && drop_pulling_contacts(scene, state, workspace, report);", CYLINDER, "statement"),
     Fault("output filter left out", STEP,
           "filtered[d] += scene.filter_alpha[t] *", "filtered[d] += (FAULT ? 1.0 : scene.filter_alpha[t]) *",
           "cube_sphere_b", "values"),
