@@ -275,7 +275,7 @@ bool solve_for_contacts(const Scene& scene, std::span<const DeviceSample> sample
                         StageObserver* observer) {
   constexpr double rough_tolerance = 0.03;
   constexpr int most_solves_again =
-      4;  // what still pulls then is smaller by orders: the report's min_push tells
+      8;  // what still pulls then is smaller by orders: the report's min_push tells
   const SolverSettings& settings = scene.settings.solver;
   const bool leads = scene.settings.contact.prescribed;
   const auto must_solve_again = [&](bool rough) {
