@@ -9,15 +9,13 @@
 #include <sstream>
 #include <string>
 
+#include "engine/numerics/test_shell.h"
+
 namespace {
 
 std::string output_of(const std::string& command) {
-  std::string output;
-  FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) return output;
-  char buffer[4096];
-  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) output.append(buffer, n);
-  return pclose(pipe) == 0 ? output : "failed: " + output;
+  const sulcus::test::Result result = sulcus::test::shell(command);
+  return result.code == 0 ? result.output : "failed: " + result.output;
 }
 
 struct Counts {

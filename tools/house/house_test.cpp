@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "engine/numerics/test_shell.h"
+
 namespace {
 namespace fs = std::filesystem;
 
@@ -50,13 +52,7 @@ bool for_tests(const fs::path& file) {
 }
 
 std::string run(const std::string& command) {
-  std::string output;
-  FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) return output;
-  char buffer[4096];
-  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) output.append(buffer, n);
-  pclose(pipe);
-  return output;
+  return sulcus::test::shell(command).output;
 }
 
 // A room of the engine includes only rooms to its left; the bars make groups of equals.

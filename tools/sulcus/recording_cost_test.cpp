@@ -2,36 +2,28 @@
 // valgrind.
 #include <gtest/gtest.h>
 
-#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
 
+#include "engine/numerics/test_shell.h"
 #include "tools/sulcus/temporary_folder.h"
 
 namespace sulcus {
 namespace {
 
-std::string output_of(const std::string& command) {
-  std::string output;
-  FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) return output;
-  char buffer[4096];
-  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) output.append(buffer, n);
-  pclose(pipe);
-  return output;
-}
-
 // Of `function` and all that it calls, in a run of 90 steps.
 double instructions_of(const std::string& function, int frame_every_steps) {
   const TemporaryFolder folder;
-  const std::string output = output_of(
-      "valgrind --tool=callgrind --callgrind-out-file=/dev/null --toggle-collect='sulcus::" + function +
-      "*' " SULCUS_COMMAND " run " SULCUS_SOURCE_DIR
-      "/scenarios/hard/hard_press.json --threads 1 --no-pictures "
-      "--set /time/duration_s=0.9 --set /solver/measure_error_every_steps=0 --set "
-      "/record/frame_every_steps=" +
-      std::to_string(frame_every_steps) + " --out " + (folder.path / "run").string() + " 2>&1");
+  const std::string output =
+      test::shell(
+          "valgrind --tool=callgrind --callgrind-out-file=/dev/null --toggle-collect='sulcus::" + function +
+          "*' " SULCUS_COMMAND " run " SULCUS_SOURCE_DIR
+          "/scenarios/hard/hard_press.json --threads 1 --no-pictures "
+          "--set /time/duration_s=0.9 --set /solver/measure_error_every_steps=0 --set "
+          "/record/frame_every_steps=" +
+          std::to_string(frame_every_steps) + " --out " + (folder.path / "run").string() + " 2>&1")
+          .output;
   const std::string mark = "Collected : ";
   const auto at = output.find(mark);
   EXPECT_NE(at, std::string::npos) << output;

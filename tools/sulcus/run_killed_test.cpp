@@ -15,6 +15,7 @@
 
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/test_child.h"
 #include "tools/sulcus/test_scenario.h"
 #include "verify/recording.h"
 
@@ -39,24 +40,6 @@ RunOptions long_run(const fs::path& folder) {
   return options;
 }
 
-// In a child of this process; the log exists before it returns.
-pid_t start_run(const fs::path& folder) {
-  const pid_t child = fork();
-  if (child != 0) {
-    for (int ms = 0; ms < 20000 && !fs::exists(folder / "out/run.h5.log"); ++ms)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    return child;
-  }
-  std::freopen("/dev/null", "w", stderr);
-  std::freopen("/dev/null", "w", stdout);
-  try {
-    run_command(long_run(folder));
-  } catch (const std::exception&) {
-    _exit(1);
-  }
-  _exit(0);
-}
-
 std::string refusal_of(const std::function<void()>& action) {
   try {
     action();
@@ -79,7 +62,7 @@ TEST(KilledRun, IsRecoveredToItsLastStepAndRunsAgain) {
   for (int number = 0; number < 20; ++number) {
     SCOPED_TRACE("seed " + std::to_string(seed) + ", kill " + std::to_string(number));
     fs::remove_all(folder / "out");
-    const pid_t child = start_run(folder);
+    const pid_t child = test::start_child(folder / "out/run.h5.log", [&] { run_command(long_run(folder)); });
     std::this_thread::sleep_for(std::chrono::microseconds(random() % 150000));
     if (number == 0) {  // nobody takes a run's log away while it goes on
       const std::string says = refusal_of([&] { recover_command({folder / "out", 1}); });

@@ -13,6 +13,7 @@
 
 #include "engine/numerics/error.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/test_child.h"
 #include "tools/sulcus/test_scenario.h"
 #include "verify/recording.h"
 
@@ -20,15 +21,7 @@ namespace sulcus {
 namespace {
 namespace fs = std::filesystem;
 
-// In a child of this process; the log exists before it returns.
 pid_t start_session(const fs::path& folder, const std::string& device) {
-  const pid_t child = fork();
-  if (child != 0) {
-    for (int ms = 0; ms < 20000 && !fs::exists(folder / "out/run.h5.log"); ++ms)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    return child;
-  }
-  std::freopen("/dev/null", "w", stderr);
   SessionOptions options;
   options.scenario = (folder / "tiny.json").string();
   options.device = device;
@@ -36,12 +29,7 @@ pid_t start_session(const fs::path& folder, const std::string& device) {
   options.duration_s = 10;
   options.threads = 1;
   options.realtime = false;
-  try {
-    session_command(options);
-  } catch (const std::exception&) {
-    _exit(1);
-  }
-  _exit(0);
+  return test::start_child(folder / "out/run.h5.log", [&] { session_command(options); });
 }
 
 TEST(KilledSession, IsRecoveredAndRunsAgain) {
@@ -68,8 +56,7 @@ TEST(KilledSession, IsRecoveredAndRunsAgain) {
     try {
       ASSERT_EQ(recover_command({folder / "out", 1}), 0);
     } catch (const InputError& error) {  // killed while the first chunk was being written
-      EXPECT_NE(std::string(error.what()).find("before the first step"), std::string::npos)
-          << error.what();
+      EXPECT_NE(std::string(error.what()).find("before the first step"), std::string::npos) << error.what();
       continue;
     }
     ++recovered;

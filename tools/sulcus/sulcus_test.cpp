@@ -24,24 +24,10 @@ const fs::path source = SULCUS_SOURCE_DIR;
 const char* const brain_map = "/usr/share/mricron/templates/jhu189.nii.gz";
 
 using test::command;
+using test::contains;
+using test::fingerprint_of;
+using test::read;
 using test::Result;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
-std::string read(const fs::path& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-std::string fingerprint_of(const fs::path& run) {
-  const std::string text = read(run / "summary.json");
-  const auto at = text.find("\"fingerprint\": \"");
-  return at == std::string::npos ? "" : text.substr(at + 16, 16);
-}
 
 // The tiny scenario with a rest at its end, so that all its statements can hold.
 std::string resting_tiny() {

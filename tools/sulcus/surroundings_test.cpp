@@ -19,18 +19,11 @@
 namespace sulcus {
 namespace {
 namespace fs = std::filesystem;
+using test::command_after;
+using test::contains;
+using test::fingerprint_of;
+using test::read;
 using test::Result;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
-std::string read(const fs::path& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
 
 class Surroundings : public testing::Test {
  protected:
@@ -46,27 +39,18 @@ class Surroundings : public testing::Test {
   std::string run_of(const std::string& out) const {
     return "run " + path("tiny.json") + " --no-pictures --threads 2 --out " + path(out);
   }
-  std::string fingerprint(const std::string& out) const {
-    const std::string text = read(folder / out / "summary.json");
-    const auto at = text.find("\"fingerprint\": \"");
-    return at == std::string::npos ? "" : text.substr(at + 16, 16);
-  }
-  // The command after a line of the shell, such as "ulimit -v 1000 &&".
-  static Result after(const std::string& shell, const std::string& arguments) {
-    return test::shell(shell + " '" SULCUS_COMMAND "' " + arguments);
-  }
-
+  std::string fingerprint(const std::string& out) const { return fingerprint_of(folder / out); }
   fs::path folder;
 };
 
 TEST_F(Surroundings, AFileThatMayNotGrowLeavesNoFinishedRecordingAndASessionThatIsRecovered) {
-  const Result run = after("ulimit -f 20 &&", run_of("run"));
+  const Result run = command_after("ulimit -f 20 &&", run_of("run"));
   EXPECT_EQ(run.code, 3) << run.output;
   EXPECT_TRUE(contains(run.output, "error: ") && contains(run.output, "run.h5")) << run.output;
   EXPECT_FALSE(fs::exists(folder / "run" / "run.h5"));
 
   const Result session =
-      after("ulimit -f 60 &&", "session " + path("tiny.json") + " --out " + path("session"));
+      command_after("ulimit -f 60 &&", "session " + path("tiny.json") + " --out " + path("session"));
   EXPECT_EQ(session.code, 3) << session.output;
   EXPECT_TRUE(contains(session.output, "sulcus recover")) << session.output;
   const Result recovered = test::command("recover " + path("session"));
@@ -78,14 +62,14 @@ TEST_F(Surroundings, AFileThatMayNotGrowLeavesNoFinishedRecordingAndASessionThat
 // A scene of half a million tetrahedra, in what the libraries take and a little more.
 TEST_F(Surroundings, TooLittleMemoryIsSaid) {
   for (const int megabytes : {330, 400, 450}) {
-    const Result run =
-        after("ulimit -v " + std::to_string(1000 * megabytes) + " &&",
-              run_of("run") + " --set /label_map/generate/box/voxel_size_mm=0.5 --set /mesh/size_mm=0.8");
+    const Result run = command_after(
+        "ulimit -v " + std::to_string(1000 * megabytes) + " &&",
+        run_of("run") + " --set /label_map/generate/box/voxel_size_mm=0.5 --set /mesh/size_mm=0.8");
     EXPECT_EQ(run.code, 3) << megabytes << " MB\n" << run.output;
     EXPECT_TRUE(contains(run.output, "error: out of memory")) << megabytes << " MB\n" << run.output;
     EXPECT_FALSE(fs::exists(folder / "run" / "run.h5"));
   }
-  const Result enough = after("ulimit -v 2000000 &&", run_of("enough"));
+  const Result enough = command_after("ulimit -v 2000000 &&", run_of("enough"));
   EXPECT_EQ(enough.code, 0) << enough.output;
 }
 
@@ -146,13 +130,13 @@ TEST_F(Surroundings, AWallClockThatJumpsChangesNothing) {
   ASSERT_GT(std::abs(jumped - now), 3000) << "the clock does not jump: " << date.output;
 
   ASSERT_EQ(test::command(run_of("still")).code, 0);
-  const Result run = after(jumping, run_of("jumping"));
+  const Result run = command_after(jumping, run_of("jumping"));
   EXPECT_EQ(run.code, 0) << run.output;
   EXPECT_EQ(fingerprint("jumping"), fingerprint("still"));
 
-  const Result session = after(jumping, "session " + path("tiny.json") + " --out " + path("session"));
+  const Result session = command_after(jumping, "session " + path("tiny.json") + " --out " + path("session"));
   EXPECT_EQ(session.code, 0) << session.output;
-  const Result replay = after(jumping, "replay " + path("session/run.h5"));
+  const Result replay = command_after(jumping, "replay " + path("session/run.h5"));
   EXPECT_EQ(replay.code, 0) << replay.output;
 }
 
