@@ -1,6 +1,7 @@
 #include "tools/sulcus/golden_pictures.h"
 
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include "verify/picture_diff.h"
@@ -33,8 +34,18 @@ Image small(const fs::path& file) {
   return shrunk(read_png(file), golden_picture_factor);
 }
 
-bool same_size(const Image& a, const Image& b) {
-  return a.width == b.width && a.height == b.height;
+// A golden picture and that of a run in its size, and how far they are apart: nothing where they differ in
+// size.
+struct Compared {
+  Image expected, found;
+  std::optional<PictureDifference> difference;
+};
+
+Compared compared(const fs::path& golden, const fs::path& now) {
+  Compared result{read_png(golden), small(now), {}};
+  if (result.expected.width == result.found.width && result.expected.height == result.found.height)
+    result.difference = compare_pictures(result.expected, result.found, told_apart);
+  return result;
 }
 
 }  // namespace
@@ -67,17 +78,16 @@ std::vector<Check> check_pictures(const fs::path& run_dir, const fs::path& golde
       checks.push_back(failed_check(name, "values", "the run has no picture of this name"));
       continue;
     }
-    const Image expected = read_png(file), found = small(now);
-    if (!same_size(expected, found)) {
+    const auto [expected, found, difference] = compared(file, now);
+    if (!difference) {
       checks.push_back(failed_check(name, "values", "the pictures differ in size"));
       continue;
     }
-    const PictureDifference difference = compare_pictures(expected, found, told_apart);
     const std::int64_t pixels = std::int64_t{expected.width} * expected.height;
-    checks.push_back(check_at_most(name, "values", difference.differing_fraction,
+    checks.push_back(check_at_most(name, "values", difference->differing_fraction,
                                    1 - settings.picture_conformity, "", pixels,
                                    "share of pixels that an eye tells apart"));
-    checks.push_back(check_at_most(name + "/blocks", "values", difference.max_block_distance,
+    checks.push_back(check_at_most(name + "/blocks", "values", difference->max_block_distance,
                                    settings.picture_block_distance, "", pixels,
                                    "largest CIELAB distance of the means of 4 x 4 pixels"));
   }
@@ -90,11 +100,9 @@ std::vector<ReportPicture> differing_pictures(const fs::path& run_dir, const fs:
   for (const fs::path& file : png_files(golden)) {
     const fs::path now = run_dir / "pictures" / file.filename();
     if (!fs::exists(now)) continue;
-    const Image expected = read_png(file), found = small(now);
-    if (!same_size(expected, found)) continue;
-    const PictureDifference difference = compare_pictures(expected, found, told_apart);
-    if (difference.differing_fraction <= 1 - settings.picture_conformity &&
-        difference.max_block_distance <= settings.picture_block_distance)
+    const auto [expected, found, difference] = compared(file, now);
+    if (!difference || (difference->differing_fraction <= 1 - settings.picture_conformity &&
+                        difference->max_block_distance <= settings.picture_block_distance))
       continue;
     std::string shot = shot_of(file);
     std::replace(shot.begin(), shot.end(), '_', ' ');
