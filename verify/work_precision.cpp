@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "engine/numerics/error.h"
+#include "verify/check.h"
 #include "verify/gnuplot.h"
 
 namespace sulcus {
@@ -200,20 +199,6 @@ void add_panel(std::ostream& out, const WorkPrecisionStudy& study, const Panel& 
       << "plot " << plots.substr(2) << "\n";
 }
 
-void write_whole(const std::filesystem::path& path, const std::string& content) {
-  const std::filesystem::path part = path.string() + ".part";
-  std::ofstream file(part, std::ios::binary);
-  file << content;
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(part, path, error);
-  if (!file || error) {
-    throw EnvironmentError(path.string() + ": cannot be written" +
-                           (error ? " (" + error.message() + ")" : std::string()) +
-                           "; give a folder that can be written to, with free space");
-  }
-}
-
 nlohmann::json number_or_null(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
@@ -347,10 +332,10 @@ std::string work_precision_png(const WorkPrecisionStudy& study) {
 }
 
 void write_work_precision(const std::filesystem::path& folder, const WorkPrecisionStudy& study) {
-  write_whole(folder / "work_precision.png", work_precision_png(study));
-  write_whole(folder / "work_precision.csv", work_precision_csv(study));
-  write_whole(folder / "work_precision.json", work_precision_json(study));
-  write_whole(folder / "work_precision.md", work_precision_markdown(study, "work_precision.png"));
+  write_file_atomically(folder / "work_precision.png", work_precision_png(study));
+  write_file_atomically(folder / "work_precision.csv", work_precision_csv(study));
+  write_file_atomically(folder / "work_precision.json", work_precision_json(study));
+  write_file_atomically(folder / "work_precision.md", work_precision_markdown(study, "work_precision.png"));
 }
 
 }  // namespace sulcus

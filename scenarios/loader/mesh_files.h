@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
 
 #include "engine/tool/rigid_body.h"
 
@@ -17,12 +18,11 @@ namespace sulcus {
 // unit), and what check_surface refuses.
 ToolSurface read_surface(const std::filesystem::path& path, double unit_m);
 
-// Writes a triangle mesh; the format follows the name: .ply, .stl (both binary) or .obj. positions: xyz
-// interleaved, m; in the file they are millimetres. Nothing half-written under that name. Throws InputError
-// for another ending and EnvironmentError if it cannot be written. check_surface_name: refuses other endings
-// alone.
-void write_surface(const std::filesystem::path& path, std::span<const double> positions,
-                   std::span<const std::array<std::int32_t, 3>> triangles);
+// Content of a file of a triangle mesh; the format follows the name: .ply, .stl (both binary) or .obj.
+// positions: xyz interleaved, m; in the file they are millimetres. Throws InputError for another ending.
+// check_surface_name: refuses other endings alone.
+std::string surface_file(const std::filesystem::path& path, std::span<const double> positions,
+                         std::span<const std::array<std::int32_t, 3>> triangles);
 void check_surface_name(const std::filesystem::path& path);
 
 // A rigid body's surface must be closed, manifold (two triangles of opposite direction at every edge, one fan

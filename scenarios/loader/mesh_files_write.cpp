@@ -1,7 +1,6 @@
 #include <assimp/scene.h>
 
 #include <assimp/Exporter.hpp>
-#include <fstream>
 #include <map>
 #include <string>
 
@@ -21,8 +20,8 @@ void check_surface_name(const std::filesystem::path& path) {
   throw InputError(path.string() + ": unknown format of a surface; let its name end in .ply, .stl or .obj");
 }
 
-void write_surface(const std::filesystem::path& path, std::span<const double> positions,
-                   std::span<const std::array<std::int32_t, 3>> triangles) {
+std::string surface_file(const std::filesystem::path& path, std::span<const double> positions,
+                         std::span<const std::array<std::int32_t, 3>> triangles) {
   check_surface_name(path);
   aiScene scene;  // owns all below
   scene.mRootNode = new aiNode;
@@ -55,17 +54,7 @@ void write_surface(const std::filesystem::path& path, std::span<const double> po
   const aiExportDataBlob* blob = exporter.ExportToBlob(&scene, formats.at(path.extension().string()));
   if (blob == nullptr)
     throw EnvironmentError(path.string() + ": cannot be made: " + exporter.GetErrorString());
-  const std::filesystem::path part = path.string() + ".part";
-  std::ofstream file(part, std::ios::binary);
-  file.write(static_cast<const char*>(blob->data), static_cast<std::streamsize>(blob->size));
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(part, path, error);
-  if (!file || error) {
-    std::filesystem::remove(part, error);
-    throw EnvironmentError(path.string() +
-                           ": cannot be written; give a folder that can be written to, with free space");
-  }
+  return std::string(static_cast<const char*>(blob->data), blob->size);
 }
 
 }  // namespace sulcus

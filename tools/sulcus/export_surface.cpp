@@ -9,6 +9,7 @@
 #include "scenarios/loader/mesh_files.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/moment.h"
+#include "verify/check.h"
 
 namespace sulcus {
 namespace fs = std::filesystem;
@@ -29,7 +30,7 @@ int export_surface_command(const ExportSurfaceOptions& options) {
   const EmbeddedSurface surface = build_embedded_surface(map, scene.settings.pairs, scene.mesh,
                                                          options.smoothing_passes, moment.state.alive);
   const std::vector<double> positions = deform_surface(surface, scene.mesh, moment.state.positions);
-  write_surface(options.out, positions, surface.triangles);
+  write_file_atomically(options.out, surface_file(options.out, positions, surface.triangles));
   std::printf("%s: %zu triangles, %zu vertices at %.4g s\n", options.out.c_str(), surface.triangles.size(),
               positions.size() / 3, moment.time_s);
   return 0;
