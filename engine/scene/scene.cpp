@@ -243,7 +243,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   const bool by_rule = d.solver.preconditioner == Preconditioner::automatic && multigrid_pays(d, scene.mesh);
   if (by_rule || d.solver.preconditioner == Preconditioner::multigrid) {
     auto multigrid = build_multigrid(scene.mesh, scene.elements, scene.sparsity, {d.step_s, d.damping},
-                                     node_weights(scene), scene.free_node);
+                                     node_weights(scene), scene.free_node, d.fracture.has_value());
     if (multigrid.levels > 0) scene.multigrid = std::make_unique<const Multigrid>(std::move(multigrid));
   }
   for (double mass : scene.elements.node_mass) scene.total_mass_kg += mass;

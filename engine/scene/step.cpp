@@ -373,11 +373,11 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   WorkspacePtr workspace(new Workspace);
   workspace->threads = threads;
   const SolverSettings& solver = scene.settings.solver;
-  const bool single = solver.precision == Precision::single_precision;
-  if (single && solver.tolerance >= refined_below) {
+  const bool refined = is_refined(solver);
+  if (solver.precision == Precision::single_precision && !refined) {
     workspace->single = make_numbers<float>(scene, threads, isa);
   } else {
-    workspace->twice = make_numbers<double>(scene, threads, isa, single);
+    workspace->twice = make_numbers<double>(scene, threads, isa, refined);
   }
   const std::size_t nodes = scene.mesh.rest_positions.size();
   workspace->forces.assign(3 * nodes, 0.0);
@@ -469,10 +469,10 @@ double measure_solver_error(const Scene& scene, std::span<const DeviceSample> sa
                             int threads) {
   const SolverSettings& settings = scene.settings.solver;
   const Effort effort{settings.tolerance, settings.velocity_floor_m_s, settings.max_iterations};
-  const bool single = settings.precision == Precision::single_precision;
-  return relative_error(single && settings.tolerance >= refined_below
+  const bool refined = is_refined(settings);
+  return relative_error(settings.precision == Precision::single_precision && !refined
                             ? solve_step<float>(scene, samples, state, threads, effort)
-                            : solve_step<double>(scene, samples, state, threads, effort, single),
+                            : solve_step<double>(scene, samples, state, threads, effort, refined),
                         solve_step<double>(scene, samples, state, threads, reference));
 }
 

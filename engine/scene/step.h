@@ -105,7 +105,7 @@ struct WorkspaceDeleter {
   void operator()(Workspace* workspace) const;
 };
 using WorkspacePtr = std::unique_ptr<Workspace, WorkspaceDeleter>;
-// Throws EnvironmentError if the processor does not round as all results suppose.
+// Small meshes get fewer threads. Throws EnvironmentError if the processor does not round as results suppose.
 WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa = widest_isa());
 
 // Advances `state` by scene.settings.step_s. samples: one a tool, the device at the END of the step.

@@ -277,14 +277,14 @@ LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {
 
 Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements, const Sparsity& sparsity,
                           const StepCoefficients& coefficients, std::span<const double> node_weights,
-                          std::span<const std::uint8_t> free_node) {
+                          std::span<const std::uint8_t> free_node, bool tears) {
   Multigrid m;
   const std::vector<CoarseLevel> levels = build_coarse_levels(mesh, enough_nodes);
   if (levels.empty()) return m;
   number_levels(mesh, levels, m);
   make_transfers(levels, sparsity, m);
   list_children(mesh, m);
-  add_weights(mesh, elements, m);
+  if (tears) add_weights(mesh, elements, m);
   std::vector<std::int32_t> one(m.cell_nodes.size() * 8 + 1), item;
   for (std::size_t c = 0; c < one.size(); ++c) one[c] = static_cast<std::int32_t>(c);
   for (const auto& nodes : m.cell_nodes) item.insert(item.end(), nodes.begin(), nodes.end());
@@ -309,7 +309,7 @@ MultigridWorkspace<Real> make_multigrid_workspace(const Multigrid& multigrid, st
   w.upper.assign(at(threads), AlignedVector<Real>(8 * nodes, Real(0)));
   w.sums.assign((level_0 + nodes_per_sum - 1) / nodes_per_sum, 0.0);
   w.quaternions.assign(4 * cells, Real(0));
-  w.torn.assign(cells, Real(0));
+  w.torn.assign(multigrid.cell_weight.size(), Real(0));
   for (std::size_t n = 0; n < nodes; ++n) {
     const auto count = static_cast<Real>(std::max(1, multigrid.up_start[n + 1] - multigrid.up_start[n]));
     w.up_count.push_back(count);

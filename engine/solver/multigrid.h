@@ -37,7 +37,7 @@ struct Multigrid {
   std::vector<float> mass;       // [nodes] kg, (1 + alpha h) M_aa and springs
   // mean rotations
   std::vector<std::int32_t> child_start, children;  // of each cell: tetrahedra (level 0) or cells
-  // what a cell loses with its tetrahedra
+  // what a cell loses with its tetrahedra; empty where nothing tears
   std::int64_t tets_per_cell = 0;
   std::vector<float> tet_weight, cell_weight;  // [tets], [cells] mu V, and its sum over the tetrahedra below
   // the way up from a cell of the mesh
@@ -47,11 +47,11 @@ struct Multigrid {
 };
 
 // node_weights: [nodes] kg, what the matrix holds of masses and springs on the diagonal of each node.
-// free_node: [nodes]. Empty (no levels) where the mesh is too small for a coarser one. Cost: for each
-// tetrahedron and level 8 small products, once for a scene.
+// free_node: [nodes]. tears: whether elements may be removed. Empty (no levels) where the mesh is too small for
+// a coarser one. Cost: for each tetrahedron and level 8 small products, once for a scene.
 Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements, const Sparsity& sparsity,
                           const StepCoefficients& coefficients, std::span<const double> node_weights,
-                          std::span<const std::uint8_t> free_node);
+                          std::span<const std::uint8_t> free_node, bool tears = false);
 
 // What changes at each step, and scratch memory.
 template <class Real>
@@ -88,8 +88,8 @@ void add_contact(const Multigrid& multigrid, const EmbeddingMesh& mesh, std::int
                  const std::array<double, 4>& weights, const Mat3& block, MultigridWorkspace<Real>& workspace);
 
 // Mean rotations, diagonal blocks and their inverses of all levels; which slots are held follows from the
-// matrix. rotations: [4*tets] of the step. alive: [tets] or empty (all are); a cell is as stiff as the share of it that
-// is alive, by mu V. Cost: about two iterations of conjugate gradients.
+// matrix. rotations: [4*tets] of the step. alive: [tets], of a multigrid that tears, or empty (all are); a cell is
+// as stiff as the share of it that is alive, by mu V. Cost: about two iterations of conjugate gradients.
 template <class Real>
 void set_up_multigrid(const Multigrid& multigrid, const RowMatrix<Real>& matrix,
                       std::span<const double> rotations, std::span<const std::uint8_t> alive,

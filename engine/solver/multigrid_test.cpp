@@ -23,7 +23,7 @@ struct Problem {
       : body(std::move(pressed)),
         system(body, threads, isa),
         multigrid(build_multigrid(body.mesh, body.elements, body.sparsity, body.step, body.elements.node_mass,
-                                  body.free_node)) {
+                                  body.free_node, true)) {
     use_multigrid(multigrid, body.sparsity.chunks, system.solver);
     set_up();
   }

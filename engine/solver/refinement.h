@@ -10,7 +10,10 @@
 
 namespace sulcus {
 
-inline constexpr double refined_below = 1e-5;  // the tolerance from which single precision needs correction
+// Whether single precision is asked for and too little by itself.
+inline bool is_refined(const SolverSettings& settings) {
+  return settings.precision == Precision::single_precision && settings.tolerance < 1e-5;
+}
 
 // The system once more, in single precision.
 struct Refinement {
