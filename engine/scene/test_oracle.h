@@ -112,7 +112,7 @@ struct Model {
     const Vec3 v = d.tail<3>();
     const double t = v.norm() / d[0];
     double f = 0, g = 0;
-    if (t > 0 && t < 1e-3) {
+    if (t < 1e-3) {  // also at no turn at all
       f = 2 / d[0] * (1 - t * t / 3 + t * t * t * t / 5);
       g = 2 / (d[0] * d[0] * d[0]) * (-2.0 / 3 + 4 * t * t / 5 - 6 * t * t * t * t / 7);
     } else {
