@@ -1,6 +1,5 @@
 #include "engine/device/conformance_test.h"
 
-#include <cmath>
 #include <sstream>
 
 #include "device_sim/csv.h"
@@ -8,7 +7,7 @@
 #include "device_sim/perturbed.h"
 #include "device_sim/recorded.h"
 #include "device_sim/scripted.h"
-#include "device_sim/simulated.h"
+#include "device_sim/test_metronome.h"
 
 namespace sulcus {
 namespace {
@@ -52,25 +51,6 @@ std::unique_ptr<Device> shaking() {
   trajectory.tremor = {.position_rms_m = 2e-4, .rotation_rms_rad = 0.01};
   return make_scripted_device(trajectory);
 }
-
-// The back-end that docs/devices.md writes as an example.
-class Metronome final : public SimulatedDevice {
- public:
-  DeviceCapabilities capabilities() const override { return {.model = "metronome"}; }
-
- private:
-  DeviceError sample_at(double time_s, DeviceSample& sample) override {
-    if (time_s > 60) return DeviceError::ended;
-    sample = DeviceSample();
-    stamp(time_s, sample);                                       // sequence, time, interval, force_sent
-    const double tooth = time_s - 2 * std::floor(0.5 * time_s);  // 0..2 s
-    const bool forth = tooth < 1;
-    sample.position = {0.01 * (forth ? tooth : 2 - tooth), 0, 0};
-    sample.linear_velocity = {forth ? 0.01 : -0.01, 0, 0};
-    sample.linear_velocity_valid = true;
-    return DeviceError::none;
-  }
-};
 
 INSTANTIATE_TEST_SUITE_P(
     Simulated, DeviceConformance,

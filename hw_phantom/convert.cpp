@@ -41,6 +41,26 @@ bool pose_from_transform(const double (&transform)[16], StylusPose& pose) {
   return true;
 }
 
+ArmAngles arm_angles(const double (&joints)[3], const double (&gimbals)[3]) {
+  return {.turret = 0 - joints[0],  // 0, not -0
+          .thigh = 0 - joints[1],
+          .elbow = joints[1] - joints[2],
+          .yaw = gimbals[0],
+          .pitch = 0 - gimbals[1],
+          .roll = 0 - gimbals[2]};
+}
+
+StylusPose arm_pose(const ArmAngles& angles) {
+  constexpr double link_m = 0.13335;                       // upper arm and forearm alike
+  const Vec3 shoulder(0, link_m - 0.11, -link_m - 0.035);  // m
+  const auto turn = [](double x, double y, double z) { return quaternion_from_rotation_vector({x, y, z}); };
+  const Quaternion upper = turn(0, angles.turret, 0) * turn(angles.thigh, 0, 0);
+  const Quaternion fore = upper * turn(angles.elbow, 0, 0);
+  return {
+      shoulder + rotation_matrix(upper) * Vec3(0, 0, link_m) + rotation_matrix(fore) * Vec3(0, -link_m, 0),
+      normalised(fore * turn(0, angles.yaw, 0) * turn(angles.pitch, 0, 0) * turn(0, 0, angles.roll))};
+}
+
 StylusPose to_world(const DeviceMount& mount, const StylusPose& pose) {
   const Vec3 tip = pose.position - mount.tip_offset_m * rotation_matrix(pose.orientation).col(2);
   return {mount.position + direction_to_world(mount, tip), normalised(mount.orientation * pose.orientation)};

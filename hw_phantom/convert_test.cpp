@@ -70,6 +70,29 @@ TEST(Convert, RefusesWhatIsNoPose) {
   EXPECT_EQ(pose.position, before.position);
 }
 
+// Each joint moves the gimbal the way that its sign says; the user looks along -z.
+TEST(Convert, JointsHaveTheSignsOfTheDriver) {
+  const auto pose = [](int joint, double angle) {
+    double joints[3] = {0, 0.6, 0.5}, gimbals[3] = {0, 0, 0};
+    (joint < 3 ? joints[joint] : gimbals[joint - 3]) += angle;
+    return arm_pose(arm_angles(joints, gimbals));
+  };
+  const StylusPose before = pose(0, 0);
+  EXPECT_LT(pose(0, 0.1).position.x(), before.position.x() - 0.005);  // turret + left
+  EXPECT_GT(pose(1, 0.1).position.y(), before.position.y() + 0.01);   // thigh + up
+  EXPECT_GT(pose(2, 0.1).position.y(), before.position.y() + 0.005);  // shin + up
+  // the shin is absolute: the thigh does not turn the stylus, and the elbow is the difference
+  EXPECT_LT(difference(pose(1, 0.1).orientation, before.orientation), 1e-14);
+  const double joints[3] = {0, 0.6, 0.5}, gimbals[3] = {0, 0, 0};
+  EXPECT_NEAR(arm_angles(joints, gimbals).elbow, 0.1, 1e-15);
+  const Vec3 about[3] = {{0, 0.3, 0}, {-0.3, 0, 0}, {0, 0, -0.3}};  // in the forearm's axes
+  for (int g = 0; g < 3; ++g) {
+    const StylusPose turned = pose(3 + g, 0.3);
+    EXPECT_EQ(turned.position, before.position);
+    EXPECT_LT((rotation_vector(conjugate(before.orientation) * turned.orientation) - about[g]).norm(), 1e-14);
+  }
+}
+
 TEST(Convert, TipLiesAlongTheStylusBehindTheGimbal) {
   const DeviceMount mount{{1, 0, 0}, {}, 0.039};
   EXPECT_LT((to_world(mount, {{0, 0, 0.1}, {}}).position - Vec3(1, 0, 0.061)).norm(), 1e-15);

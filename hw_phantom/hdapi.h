@@ -34,6 +34,8 @@ enum Parameter : unsigned int {
   current_inkwell_switch = 0x2002,        // Boolean, 0 = docked
   current_velocity = 0x2051,              // 3 double, mm/s, smoothed by the driver
   current_transform = 0x2052,             // 16 double, column-major, mm; gimbal centre
+  current_joint_angles = 0x2100,          // 3 double, rad: turret, thigh, shin (convert.h)
+  current_gimbal_angles = 0x2150,         // 3 double, rad
   api_version = 0x2500,                   // string
   device_model = 0x2501,                  // string
   driver_version = 0x2502,                // string

@@ -345,6 +345,17 @@ std::vector<Finding> diagnose_phantom(const PhantomSettings& settings, double wa
   std::snprintf(line, sizeof(line), "%llu samples not sound",
                 static_cast<unsigned long long>(after.invalid_samples - before.invalid_samples));
   add(after.invalid_samples == before.invalid_samples);
+  if (after.joints_known) {
+    constexpr double deg = 57.29577951308232;
+    const ArmAngles& a = after.joints;
+    std::snprintf(
+        line, sizeof(line),
+        "arm: turret %.1f, thigh %.1f, elbow %.1f, gimbal %.1f %.1f %.1f degrees; an Omni's stylus would "
+        "be %.1f mm and %.1f degrees from where the driver has it",
+        deg * a.turret, deg * a.thigh, deg * a.elbow, deg * a.yaw, deg * a.pitch, deg * a.roll,
+        1e3 * after.joints_off_m, deg * after.joints_off_rad);
+    add(true);
+  }
   if (id.calibration_style & hd::inkwell) {
     findings.push_back({true, after.docked ? "stylus in the inkwell" : "stylus out of the inkwell"});
   }

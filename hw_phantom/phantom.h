@@ -50,6 +50,11 @@ struct PhantomStatus {
   std::uint32_t reasons = 0;     // SafetyReason of the newest tick
   bool docked = false;           // stylus in the inkwell
   double max_command_age_s = 0;  // s, while armed
+  // Until calibrate() is called: the arm as its joints tell it, and how far an Omni's gimbal would then be
+  // from where the driver says it is.
+  bool joints_known = false;
+  ArmAngles joints;
+  double joints_off_m = 0, joints_off_rad = 0;
 };
 
 struct PhantomIdentity {

@@ -42,6 +42,7 @@ bool PhantomServo::tick(const hd::Api& api, hd::Handle device) {
   invalid_run_ = reading.valid || status_.ticks <= first_sound_tick ? 0 : invalid_run_ + 1;
   if (!reading.valid && status_.ticks > first_sound_tick) ++status_.invalid_samples;
   if (invalid_run_ > max_invalid_run) alive = false;
+  if (alive && reading.valid) read_joints(api, reading.pose);
 
   DeviceSample sample;
   if (!alive) faulted.store(true, std::memory_order_relaxed);
@@ -85,6 +86,21 @@ PhantomServo::Reading PhantomServo::read(const hd::Api& api) const {
     reading.temperature = std::isfinite(t) ? std::max(reading.temperature, t) : 1.0;
   }
   return reading;
+}
+
+// Only while nothing but looking is done: a driver that does not know the joints must not end a session.
+void PhantomServo::read_joints(const hd::Api& api, const StylusPose& pose) {
+  if (!asks_joints_ || mode.load(std::memory_order_relaxed) != ServoMode::watch) return;
+  double joints[3] = {nan, nan, nan}, gimbals[3] = {nan, nan, nan};
+  api.get_double(hd::current_joint_angles, joints);
+  api.get_double(hd::current_gimbal_angles, gimbals);
+  asks_joints_ = hd::drain(api).count == 0;
+  status_.joints = arm_angles(joints, gimbals);
+  const StylusPose by_joints = arm_pose(status_.joints);
+  status_.joints_off_m = std::sqrt((by_joints.position - pose.position).squaredNorm());
+  status_.joints_off_rad =
+      std::sqrt(rotation_vector(by_joints.orientation * conjugate(pose.orientation)).squaredNorm());
+  status_.joints_known = asks_joints_ && std::isfinite(status_.joints_off_m + status_.joints_off_rad);
 }
 
 bool PhantomServo::survives(const hd::Api& api) {

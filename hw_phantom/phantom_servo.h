@@ -67,6 +67,7 @@ struct PhantomServo final : hd::Servo {
   };
 
   Reading read(const hd::Api& api) const;
+  void read_joints(const hd::Api& api, const StylusPose& pose);
   bool survives(const hd::Api& api);  // drains the errors
   void note(const hd::Errors& errors);
   void debounce(int raw);
@@ -88,6 +89,7 @@ struct PhantomServo final : hd::Servo {
   double last_time_s_ = 0, interval_s_ = 0;
   std::uint64_t sequence_ = 0;
   double sequence_start_s_ = 0;
+  bool asks_joints_ = true;  // until the driver does not know them
   Reading last_;             // the newest valid one
   double last_valid_s_ = 0;  // s, when
   double speed_m_s_ = 0;     // the larger of the driver's and the measured one

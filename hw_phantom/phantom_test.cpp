@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <random>
 #include <thread>
 
 #include "engine/device/conformance_test.h"
@@ -84,6 +85,44 @@ TEST_F(PhantomWithStandin, SampleIsTheGimbalCentreInMetresInTheScene) {
             1e-14);
   const Mat3 r = rotation_matrix(conjugate(settings.mount.orientation) * sample.orientation);
   for (int i = 0; i < 9; ++i) EXPECT_NEAR(r(i % 3, i / 3), transform[4 * (i / 3) + i % 3], 1e-14);
+}
+
+// By the driver's angles and its transform, which come from two sides: the stand-in's model is its own.
+TEST_F(PhantomWithStandin, JointsTellTheSamePoseAsTheTransform) {
+  constexpr std::uint64_t seed = 79;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  const auto draw = [&](double low, double high) {
+    return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53;
+  };
+  device_ = make_phantom_device(manual_settings());
+  device_->open();
+  for (int i = 0; i < 300; ++i) {
+    standin::Motion motion{};
+    motion.joints[0] = draw(-0.98, 0.98);  // within an Omni's limits
+    motion.joints[1] = draw(0, 1.75);
+    motion.joints[2] = motion.joints[1] + draw(-0.81, 1.25);
+    for (double& g : motion.gimbals) g = draw(-2.4, 2.4);
+    standin_control().set_motion(0, &motion);
+    standin_control().step(1);
+    const PhantomStatus status = device_->status();
+    ASSERT_TRUE(status.joints_known);
+    ASSERT_LT(status.joints_off_m, 1e-15);
+    ASSERT_LT(status.joints_off_rad, 1e-14);
+    EXPECT_EQ(status.joints.turret, -motion.joints[0]);
+    EXPECT_EQ(status.joints.elbow, motion.joints[1] - motion.joints[2]);
+  }
+}
+
+TEST_F(PhantomWithStandin, ADriverThatKnowsNoJointsIsNoFault) {
+  standin::Faults faults{};
+  faults.no_joints = true;
+  standin_control().set_faults(&faults);
+  arm();
+  push({0, 0.1, 0}, 600);
+  EXPECT_FALSE(device_->status().joints_known);
+  EXPECT_EQ(device_->state(), DeviceState::armed);
+  EXPECT_GT(motor_force().norm(), 0.05);
 }
 
 TEST_F(PhantomWithStandin, AngularVelocityIsDerivedFromTheOrientation) {
@@ -292,6 +331,9 @@ TEST_F(PhantomWithStandin, DiagnosisNeverTurnsTheMotorsOn) {
   ASSERT_GE(findings.size(), 5u);
   for (const Finding& finding : findings) EXPECT_TRUE(finding.good) << finding.text;
   EXPECT_NE(findings[2].text.find("servo 1000 Hz"), std::string::npos) << findings[2].text;
+  EXPECT_NE(findings[4].text.find("turret 0.0, thigh -34.4, elbow 5.7, gimbal 17.2 11.5 0.0 degrees"),
+            std::string::npos)
+      << findings[4].text;
   EXPECT_EQ(observe().largest_force_N, 0);
   EXPECT_GE(observe().frames, 5000u);
   PhantomSettings absent = manual_settings();

@@ -26,7 +26,7 @@ struct Faults {
   int buttons;                              // held
   double temperature;                       // of the motors at tick 0 ...
   double temperature_fall;                  // ... and by how much it falls each tick
-  bool no_temperature;                      // the parameter is unknown
+  bool no_temperature, no_joints;           // the parameter is unknown
   // Scheduler
   double period_s;           // 0: 1 ms
   double jitter_s;           // of the period, up and down, pseudo-random

@@ -22,24 +22,27 @@ struct ParameterType {
 };
 
 constexpr ParameterType parameter_types[] = {
-    {hd::current_buttons, Type::integer}, {hd::current_inkwell_switch, Type::boolean},
-    {hd::current_velocity, Type::real},   {hd::current_transform, Type::real},
-    {hd::api_version, Type::text},        {hd::device_model, Type::text},
-    {hd::driver_version, Type::text},     {hd::device_vendor, Type::text},
-    {hd::serial_number, Type::text},      {hd::firmware_version, Type::real},
-    {hd::usable_workspace, Type::real},   {hd::input_dof, Type::integer},
-    {hd::output_dof, Type::integer},      {hd::calibration_style, Type::integer},
-    {hd::nominal_max_force, Type::real},  {hd::nominal_max_continuous_force, Type::real},
-    {hd::motor_temperature, Type::real},  {hd::current_force, Type::real},
-    {hd::current_torque, Type::real},
+    {hd::current_buttons, Type::integer},    {hd::current_inkwell_switch, Type::boolean},
+    {hd::current_velocity, Type::real},      {hd::current_transform, Type::real},
+    {hd::api_version, Type::text},           {hd::device_model, Type::text},
+    {hd::driver_version, Type::text},        {hd::device_vendor, Type::text},
+    {hd::serial_number, Type::text},         {hd::firmware_version, Type::real},
+    {hd::usable_workspace, Type::real},      {hd::input_dof, Type::integer},
+    {hd::output_dof, Type::integer},         {hd::calibration_style, Type::integer},
+    {hd::nominal_max_force, Type::real},     {hd::nominal_max_continuous_force, Type::real},
+    {hd::motor_temperature, Type::real},     {hd::current_force, Type::real},
+    {hd::current_torque, Type::real},        {hd::current_joint_angles, Type::real},
+    {hd::current_gimbal_angles, Type::real},
 };
 
 // The device to ask; null, with the error pushed, if parameter, type or device are wrong.
 SimulatedDevice* asked(World& w, unsigned int parameter, Type type) {
   const auto known = std::find_if(std::begin(parameter_types), std::end(parameter_types),
                                   [&](const ParameterType& p) { return p.parameter == parameter; });
-  const bool unknown =
-      known == std::end(parameter_types) || (parameter == hd::motor_temperature && w.faults.no_temperature);
+  const bool of_joints = parameter == hd::current_joint_angles || parameter == hd::current_gimbal_angles;
+  const bool unknown = known == std::end(parameter_types) ||
+                       (parameter == hd::motor_temperature && w.faults.no_temperature) ||
+                       (of_joints && w.faults.no_joints);
   if (unknown) {
     push(w, 0x0100);
     return nullptr;
@@ -199,6 +202,10 @@ HD_EXPORT void hdGetDoublev(unsigned int parameter, double* out) {
   switch (parameter) {
     case hd::current_transform:
       return give(device->transform);
+    case hd::current_joint_angles:
+      return give(device->joints);
+    case hd::current_gimbal_angles:
+      return give(device->gimbals);
     case hd::current_velocity:
       return give(device->velocity);
     case hd::current_force:

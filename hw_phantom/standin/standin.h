@@ -21,6 +21,7 @@ struct SimulatedDevice {
   std::uint64_t frame_tick = 0;  // of the newest frame
   std::set<unsigned int> enabled;
   Motion motion{};
+  double joints[3] = {}, gimbals[3] = {};
   double transform[16] = {}, velocity[3] = {}, force[3] = {}, torque[3] = {}, last_force[3] = {};
   bool force_set = false;
   Observation seen{};
@@ -39,7 +40,7 @@ struct World {
   std::array<SimulatedDevice, device_count> devices;
   hd::Handle current = hd::invalid_handle;
   std::vector<hd::ErrorRecord> errors;
-  std::vector<ScheduledCallback> callbacks;
+  std::vector<ScheduledCallback> callbacks, due;  // due: of the tick that runs
   unsigned long next_operation = 1;
   bool manual = false, running = false;
   std::uint64_t tick = 0;

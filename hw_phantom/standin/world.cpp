@@ -98,13 +98,12 @@ unsigned int calibration(const World& w, const SimulatedDevice& device) {
 void sample(World& w, SimulatedDevice& device) {
   const Motion& m = device.motion;
   const double swing = std::sin(2 * 3.141592653589793 * m.frequency_Hz * static_cast<double>(w.tick) * 1e-3);
-  double joints[3], gimbals[3];
   for (int i = 0; i < 3; ++i) {
-    joints[i] = device.dead_joints ? 0 : m.joints[i] + m.joint_amplitude[i] * swing;
-    gimbals[i] = m.gimbals[i] + m.gimbal_amplitude[i] * swing;
+    device.joints[i] = device.dead_joints ? 0 : m.joints[i] + m.joint_amplitude[i] * swing;
+    device.gimbals[i] = m.gimbals[i] + m.gimbal_amplitude[i] * swing;
   }
   double transform[16];
-  omni_transform(joints, gimbals, transform);
+  omni_transform(device.joints, device.gimbals, transform);
   for (int i = 0; i < 3; ++i) {
     if (w.faults.needs_update && !device.updated) transform[12 + i] -= w.faults.jump_mm[i];
   }
@@ -166,7 +165,7 @@ double next_period(World& w) {
 }
 
 void run_tick(World& w) {
-  std::vector<ScheduledCallback> due;
+  std::vector<ScheduledCallback>& due = w.due;  // keeps its memory: a servo must not allocate
   {
     const std::scoped_lock lock(w.mutex);
     ++w.tick;

@@ -208,6 +208,18 @@ TEST(House, NoFileIsLongerThanAReaderCanHold) {
   }
 }
 
+TEST(House, TheBackEndInTheDocsIsTheOneThatIsTestedAndShort) {
+  const auto text = [](const char* file) {
+    std::ifstream stream(source / file);
+    return std::string(std::istreambuf_iterator<char>(stream), {});
+  };
+  const std::string example = text("device_sim/test_metronome.h");
+  EXPECT_NE(text("docs/devices.md").find("```cpp\n" + example + "```\n"), std::string::npos);
+  EXPECT_NE(text("device_sim/conformance_test.cpp").find("make_unique<Metronome>"), std::string::npos);
+  EXPECT_GT(example.size(), 0u);
+  EXPECT_LT(std::count(example.begin(), example.end(), '\n'), 100);
+}
+
 TEST(House, GoldenDataStaySmall) {
   std::uintmax_t all = 0;
   for (const auto& scenario : fs::directory_iterator(source / "golden")) {
