@@ -1,5 +1,6 @@
 #include "scenarios/loader/devices.h"
 
+#include "device_sim/csv.h"
 #include "scenarios/loader/parse_json.h"
 
 namespace sulcus {
@@ -109,11 +110,19 @@ ScriptedTrajectory read_script(const json& waypoints, const char* position_key, 
   return script;
 }
 
-ToolHand read_hand(const json& device, double run_s, const std::string& pointer, Problems& problems) {
+ToolHand read_hand(const json& device, double run_s, const std::filesystem::path& directory,
+                   const std::string& tool, const std::string& pointer, Problems& problems) {
   ToolHand hand;
   const std::size_t known_problems = problems.size();
-  if (device.contains("scripted") == device.contains("push")) {
-    problems.push_back(pointer + ": expected exactly one of \"scripted\" and \"push\"");
+  if (device.contains("scripted") + device.contains("push") + device.contains("recorded") != 1) {
+    problems.push_back(pointer + ": expected exactly one of \"scripted\", \"push\" and \"recorded\"");
+    return hand;
+  }
+  if (device.contains("faults")) hand.faults = read_faults(device["faults"]);
+  if (device.contains("recorded")) {
+    const json& recorded = device["recorded"];
+    hand.file = {(directory / recorded["file"].get<std::string>()).lexically_normal(),
+                 recorded.value("tool", tool)};
     return hand;
   }
   if (device.contains("push")) {
@@ -126,9 +135,41 @@ ToolHand read_hand(const json& device, double run_s, const std::string& pointer,
     if (scripted.contains("tremor")) hand.script.tremor = read_tremor(scripted["tremor"]);
     if (scripted.contains("hand")) hand.hand = read_virtual_hand(scripted["hand"]);
   }
-  if (device.contains("faults")) hand.faults = read_faults(device["faults"]);
   if (problems.size() == known_problems) collect(problems, pointer, [&] { make_device(hand); });
   return hand;
+}
+
+void read_hand_files(Scenario& scenario, RecordingReader read_recording, Problems& problems) {
+  const double run_s = static_cast<double>(scenario.steps()) * scenario.scene.step_s;
+  for (std::size_t tool = 0; tool < scenario.hands.size(); ++tool) {
+    ToolHand& hand = scenario.hands[tool];
+    if (!hand.file) continue;
+    const std::string pointer = "/tools/" + std::to_string(tool) + "/device/recorded/file";
+    const std::filesystem::path& path = hand.file->path;
+    const bool table = path.extension() == ".csv";
+    collect(problems, pointer, [&] {
+      std::error_code error;
+      if (!table && path.extension() != ".h5")
+        throw InputError(path.string() + ": expected a table (.csv) or a recording (.h5)");
+      if (!std::filesystem::is_regular_file(path, error))
+        throw InputError(path.string() + ": there is no such file; names are looked up beside the scenario");
+      scenario.input_files.push_back(path);
+      double end_s = run_s;
+      if (table) {
+        hand.script = read_trajectory_csv(path.string());
+        end_s = hand.script.waypoints.back().time_s;
+      } else if (read_recording != nullptr) {
+        hand.recording = read_recording(*hand.file);
+        const DeviceSample& start = hand.recording->samples.front();
+        hand.script.waypoints = {{.position_m = start.position, .orientation = start.orientation}};
+        end_s = hand.recording->read_times_s.back();
+      }
+      if (end_s + end_slack_s < run_s)
+        throw InputError(path.string() + ": the motion ends at " + text_of(end_s) + " s, the run lasts " +
+                         text_of(run_s) + " s; shorten /time/duration_s");
+      if (table || read_recording != nullptr) make_device(hand);
+    });
+  }
 }
 
 }  // namespace sulcus

@@ -12,8 +12,12 @@ namespace sulcus {
 ScriptedTrajectory read_script(const nlohmann::json& waypoints, const char* position_key, double run_s,
                                const std::string& pointer, std::vector<std::string>& problems);
 
-// The "device" of a tool.
-ToolHand read_hand(const nlohmann::json& device, double run_s, const std::string& pointer,
-                   std::vector<std::string>& problems);
+// The "device" of a tool. A file of a hand is looked up in `directory`, and not read yet; `tool` is the
+// tool's name.
+ToolHand read_hand(const nlohmann::json& device, double run_s, const std::filesystem::path& directory,
+                   const std::string& tool, const std::string& pointer, std::vector<std::string>& problems);
+
+// Reads the files of hands, tables always, recordings if there is a function for it.
+void read_hand_files(Scenario& scenario, RecordingReader read_recording, std::vector<std::string>& problems);
 
 }  // namespace sulcus

@@ -316,6 +316,7 @@ void check_labels(const Scenario& scenario, const LabelMap& map, std::vector<std
 // A tool that starts inside the tissue is pushed out at once.
 void check_tool_starts(const Scenario& scenario, const LabelMap& map, std::vector<std::string>& warnings) {
   for (std::size_t number = 0; number < scenario.scene.tools.size(); ++number) {
+    if (scenario.hands[number].script.waypoints.empty()) continue;  // a recording that was not read
     const Waypoint& start = scenario.hands[number].script.waypoints.front();
     const Mat3 rotation = rotation_matrix(start.orientation);
     std::size_t inside = 0;

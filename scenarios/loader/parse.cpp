@@ -337,6 +337,17 @@ Scenario parse_scenario(const json& document, const std::string& place,
     resolved["label_map"]["file"] = file->lexically_normal().string();
   if (scenario.pictures.grey)
     resolved["pictures"]["grey_image"]["file"] = scenario.pictures.grey->file.lexically_normal().string();
+  for (const char* list : {"tools", "obstacles"}) {
+    if (!resolved.contains(list)) continue;
+    for (json& body : resolved[list]) {
+      const auto make_absolute = [&](json& file) {
+        file = (directory / file.get<std::string>()).lexically_normal().string();
+      };
+      if (body["shape"].contains("mesh")) make_absolute(body["shape"]["mesh"]["file"]);
+      if (body.contains("device") && body["device"].contains("recorded"))
+        make_absolute(body["device"]["recorded"]["file"]);
+    }
+  }
   scenario.resolved_json = resolved.dump(2) + "\n";
   return scenario;
 }

@@ -127,8 +127,8 @@ void read_tools(const json& tools, const std::filesystem::path& directory, Scena
     read(object["device"], "max_force_N", tool.max_force_N);
     read(object["device"], "max_torque_N_m", tool.max_torque_N_m);
     scenario.hands.push_back(read_hand(object["device"],
-                                       static_cast<double>(scenario.steps()) * scenario.scene.step_s,
-                                       pointer + "/device", problems));
+                                       static_cast<double>(scenario.steps()) * scenario.scene.step_s, directory,
+                                       tool.name, pointer + "/device", problems));
     scenario.scene.tools.push_back(std::move(tool));
   }
 }

@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "engine/numerics/error.h"
+#include "scenarios/loader/devices.h"
 #include "scenarios/loader/json_text.h"
 #include "scenarios/loader/parse.h"
 #include "scenarios/loader/schema.h"
@@ -63,11 +64,15 @@ Scenario load_scenario_text(const std::string& text, const std::string& place,
   return scenario;
 }
 
-Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides) {
+Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides,
+                       RecordingReader read_recording) {
   Scenario scenario = load_scenario_text(read_text(path), path.string(),
                                          std::filesystem::absolute(path).parent_path(), overrides);
   scenario.path = path;
   scenario.input_files.insert(scenario.input_files.begin(), path);
+  std::vector<std::string> problems;
+  read_hand_files(scenario, read_recording, problems);
+  if (!problems.empty()) throw InputError(list_problems(path.string(), problems));
   if (scenario.name != path.stem().string()) {
     scenario.warnings.push_back("/name: \"" + scenario.name + "\" differs from the file's name " +
                                 path.filename().string());
@@ -76,9 +81,12 @@ Scenario load_scenario(const std::filesystem::path& path, const std::vector<std:
 }
 
 std::unique_ptr<Device> make_device(const ToolHand& hand) {
-  std::unique_ptr<Device> device = hand.push   ? make_push_device(*hand.push)
-                                   : hand.hand ? make_hand_device(hand.script, *hand.hand)
-                                               : make_scripted_device(hand.script);
+  if (hand.file && hand.script.waypoints.empty())
+    throw InputError(hand.file->path.string() + ": this program reads no recordings; use `sulcus run`");
+  std::unique_ptr<Device> device = hand.push        ? make_push_device(*hand.push)
+                                   : hand.recording ? make_recorded_device(*hand.recording)
+                                   : hand.hand      ? make_hand_device(hand.script, *hand.hand)
+                                                    : make_scripted_device(hand.script);
   return hand.faults ? make_perturbed_device(std::move(device), *hand.faults) : std::move(device);
 }
 

@@ -24,6 +24,7 @@
 
 #include "device_sim/hand.h"
 #include "device_sim/perturbed.h"
+#include "device_sim/recorded.h"
 #include "device_sim/scripted.h"
 #include "engine/device/device.h"
 #include "engine/numerics/error.h"
@@ -118,13 +119,25 @@ struct MeasureBounds {
   std::optional<double> at_least, at_most;  // in the unit that the name ends with; at least one is given
 };
 
+// A file with the motion of a hand.
+struct HandFile {
+  std::filesystem::path path;  // absolute; .csv or .h5
+  std::string tool;            // of a recording: whose hand
+};
+
 // Who moves a tool.
 struct ToolHand {
-  ScriptedTrajectory script;           // of a push: its start alone
+  ScriptedTrajectory script;           // a table's motion too; of a push or a recording: its start alone
   std::optional<VirtualHand> hand;     // between script and tool
   std::optional<PushScript> push;      // instead of the script
-  std::optional<Perturbation> faults;  // on top
+  std::optional<HandFile> file;        // where script or recording come from
+  std::optional<RecordedTrajectory> recording;  // instead of the script
+  std::optional<Perturbation> faults;           // on top
 };
+
+// Reads the hand of a tool out of a recording, from time 0 on; throws InputError. This library knows no recordings:
+// who wants them read gives the function.
+using RecordingReader = RecordedTrajectory (*)(const HandFile& file);
 
 // Bounds on what a run may give; an absent one is not checked.
 struct Checks {
@@ -239,11 +252,14 @@ struct MissingData : EnvironmentError {
 // Reads and checks a scenario. overrides: "/json/pointer=value", value read as JSON, else as a string; the
 // pointer may name a key that the file leaves out but the format knows. Throws InputError: no such file, JSON
 // syntax (line and column), every violation of the schema (pointer, found, expected, nearest known key),
-// values that cannot be simulated, missing label map. Throws MissingData if nothing else is wrong.
-Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides = {});
+// values that cannot be simulated, missing label map, a hand's file that is missing, wrong or too short (file and
+// line). Throws MissingData if nothing else is wrong. Without read_recording hands of recordings stay unread, and
+// make_device refuses them.
+Scenario load_scenario(const std::filesystem::path& path, const std::vector<std::string>& overrides = {},
+                       RecordingReader read_recording = nullptr);
 
 // The same from text, as a recording keeps it. `place` names it in messages; relative file names are looked
-// up in `directory`.
+// up in `directory`. Files of hands are not read: a recording holds the samples, and must do without them.
 Scenario load_scenario_text(const std::string& text, const std::string& place,
                             const std::filesystem::path& directory,
                             const std::vector<std::string>& overrides = {});

@@ -437,5 +437,29 @@ TEST(ScenarioFiles, ListNamesInputFilesAndErrors) {
   fs::remove_all(directory);
 }
 
+// A recording is read again from anywhere, and moves no hand again: it holds the samples.
+TEST(Scenarios, FilesOfToolsAndHandsAreFoundBesideTheScenarioAndLaterFromAnywhere) {
+  const fs::path directory = fs::temp_directory_path() / ("sulcus_hand_files_" + std::to_string(getpid()));
+  fs::create_directories(directory);
+  std::ofstream(directory / "hand.csv") << "time_s,x_m,y_m,z_m,qs,qx,qy,qz\n0,0,0,0.02,1,0,0,0\n"
+                                        << "1,0,0,0.012,1,0,0,0\n";
+  std::ofstream(directory / "wedge.obj") << "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\n"
+                                         << "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+  json document = full_scenario();
+  document["tools"][0]["shape"] = {{"mesh", {{"file", "wedge.obj"}}}};
+  document["tools"][0]["device"] = {{"recorded", {{"file", "hand.csv"}}}};
+  std::ofstream(directory / "full.json") << document;
+  const Scenario scenario = load_scenario(directory / "full.json");
+  ASSERT_EQ(scenario.hands.at(0).script.waypoints.size(), 2u);
+  EXPECT_EQ(scenario.hands[0].script.waypoints[1].position_m, Vec3(0, 0, 0.012));
+  EXPECT_EQ(scenario.input_files.back(), directory / "hand.csv");
+  fs::remove(directory / "hand.csv");
+  const Scenario again = load_scenario_text(scenario.resolved_json, "recording", "/");
+  EXPECT_EQ(again.scene.tools[0].surface.vertices.size(), 4u);
+  EXPECT_NO_THROW(make_scene(again));
+  EXPECT_THROW(make_devices(again), InputError);
+  fs::remove_all(directory);
+}
+
 }  // namespace
 }  // namespace sulcus

@@ -117,5 +117,86 @@ TEST_F(Hands, ThatMakeNoSenseAreRefused) {
   refused("/tools/0/device/faults/lost_share=2", "lost_share");
 }
 
+std::string recorded(const std::string& file, const std::string& more = "") {
+  return "--set '/tools/0/device={\"recorded\": {\"file\": \"" + file + "\"" + more + "}}'";
+}
+
+constexpr const char* table_header = "time_s,x_m,y_m,z_m,qs,qx,qy,qz\n";
+
+TEST_F(Hands, OfARunMovesTheToolAgainToTheBit) {
+  ASSERT_EQ(run("", "first").code, 0);
+  const Result again = run(recorded("first/run.h5"));
+  ASSERT_EQ(again.code, 0) << again.output;
+  EXPECT_EQ(recording().fingerprint(), recording("first").fingerprint());
+  EXPECT_TRUE(recording().header.inputs.contains((folder_ / "first/run.h5").string()));
+  fs::remove_all(folder_ / "first");  // a recording does without the hand's file
+  expect_replay();
+}
+
+TEST_F(Hands, OfASessionMovesTheToolAgainToTheBit) {
+  const Result session =
+      command("session " + path("tiny.json") + " --no-realtime --hand light --out " + path("session"));
+  ASSERT_EQ(session.code, 0) << session.output;
+  const std::int64_t steps = recording("session").steps;
+  ASSERT_GT(steps, 5);
+  const Result again = run(recorded("session/run.h5", ", \"tool\": \"ball\"") +
+                           " --set /time/duration_s=" + std::to_string(0.01 * static_cast<double>(steps)));
+  ASSERT_EQ(again.code, 0) << again.output;
+  EXPECT_EQ(recording().fingerprint(), recording("session").fingerprint());
+}
+
+TEST_F(Hands, OfATableMovesTheToolAsWaypointsOnStraightWaysDo) {
+  std::ofstream(folder_ / "hand.csv") << table_header << "0,0,0,0.027,1,0,0,0\n"
+                                      << "0.3,0.001,0.002,0.02,1,0,0,0\n0.6,0,0,0.027,1,0,0,0\n";
+  ASSERT_EQ(run(recorded("hand.csv")).code, 0);
+  ASSERT_EQ(run("--set /tools/0/device/scripted/waypoints/1/path=linear "
+                "--set /tools/0/device/scripted/waypoints/2/path=linear",
+                "script")
+                .code,
+            0);
+  EXPECT_EQ(recording().fingerprint(), recording("script").fingerprint());
+  expect_replay();
+  const Result session = command("session " + path("tiny.json") + " --no-realtime --hand firm --out " +
+                                 path("session") + " " + recorded("hand.csv"));
+  EXPECT_EQ(session.code, 0) << session.output;
+}
+
+TEST_F(Hands, FromBadFilesAreRefusedWithFileAndLine) {
+  const auto refused = [&](const std::string& setting, const std::vector<std::string>& says) {
+    const Result result = run(setting);
+    EXPECT_EQ(result.code, 2) << result.output;
+    for (const std::string& words : says)
+      EXPECT_NE(result.output.find(words), std::string::npos) << result.output;
+    EXPECT_FALSE(fs::exists(folder_ / "out"));
+  };
+  const auto table = [&](const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name) << text;
+    return recorded(name);
+  };
+  const std::string line = "0,0,0,0.027,1,0,0,0\n", last = "1,0,0,0.027,1,0,0,0\n";
+  const std::string pointer = "/tools/0/device/recorded/file: ";
+  refused(recorded("none.csv"), {pointer, "none.csv: there is no such file"});
+  refused(recorded("none.h5"), {pointer, "none.h5: there is no such file"});
+  refused(table("hand.txt", line), {"hand.txt: expected a table (.csv) or a recording (.h5)"});
+  refused(table("empty.csv", ""), {pointer, "empty.csv: no samples"});
+  refused(table("header.csv", table_header), {"header.csv: no samples"});
+  refused(table("nan.csv", table_header + line + "0.1,0,nan,0.027,1,0,0,0\n" + last),
+          {"nan.csv: line 3", "finite"});
+  refused(table("back.csv", table_header + line + last + "0.5,0,0,0.027,1,0,0,0\n"),
+          {"back.csv: line 4", "increase"});
+  refused(table("word.csv", table_header + line + "0.1,0,much,0.027,1,0,0,0\n"),
+          {"word.csv: line 3: column 3"});
+  refused(table("unit.csv", table_header + line + "1,0,0,0.027,2,0,0,0\n"), {"unit.csv: line 3"});
+  refused(table("short.csv", table_header + line + "0.2,0,0,0.027,1,0,0,0\n"),
+          {"short.csv: the motion ends at 0.2 s, the run lasts 0.6 s"});
+  refused(table("text.h5", line), {pointer, "text.h5"});
+  ASSERT_EQ(run("--set /time/duration_s=0.3", "half").code, 0);
+  refused(recorded("half/run.h5"), {"the motion ends at 0.3 s"});
+  refused(recorded("half/run.h5", ", \"tool\": \"spoon\""),
+          {"it has no tool \"spoon\"; expected one of ball"});
+  fs::resize_file(folder_ / "half/run.h5", fs::file_size(folder_ / "half/run.h5") / 2);
+  refused(recorded("half/run.h5"), {pointer, "half/run.h5"});
+}
+
 }  // namespace
 }  // namespace sulcus

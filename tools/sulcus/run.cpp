@@ -6,6 +6,7 @@
 #include "engine/scene/precision_error.h"
 #include "engine/scene/pieces.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/recorded_hand.h"
 #include "tools/sulcus/run_recorder.h"
 #include "tools/sulcus/shots.h"
 #include "tools/sulcus/support.h"
@@ -115,7 +116,7 @@ class ShotCollector {
 
 int run_command(const RunOptions& options) {
   const fs::path path = find_scenario(options.scenario);
-  const Scenario scenario = load_scenario(path, options.overrides);
+  const Scenario scenario = load_scenario(path, options.overrides, recorded_hand);
   std::vector<std::string> warnings = scenario.warnings;
   Hands hands(scenario);
   std::vector<std::string> notes;

@@ -10,6 +10,7 @@
 #include "hw_phantom/emergency.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/realtime.h"
+#include "tools/sulcus/recorded_hand.h"
 #include "tools/sulcus/session_devices.h"
 #include "tools/sulcus/support.h"
 #include "verify/fingerprint.h"
@@ -107,7 +108,7 @@ struct ClosingHands {
 }  // namespace
 
 int session_command(const SessionOptions& options) {
-  const Scenario scenario = load_scenario(find_scenario(options.scenario), options.overrides);
+  const Scenario scenario = load_scenario(find_scenario(options.scenario), options.overrides, recorded_hand);
   std::vector<SessionDevice> devices = make_session_devices(options, scenario);
   std::vector<std::string> warnings = scenario.warnings;
   const Scene scene = make_scene(scenario, &warnings);

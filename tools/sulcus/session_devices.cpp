@@ -132,6 +132,8 @@ std::vector<SessionDevice> make_session_devices(const SessionOptions& options, c
   for (ToolHand hand : scenario.hands) {
     if (!options.hand.empty() && hand.push)
       throw InputError("--hand: the scenario's tool pushes until it feels a force; that is a hand already");
+    if (!options.hand.empty() && hand.recording)
+      throw InputError("--hand: the scenario's tool follows a recording, which feels no force");
     if (!options.hand.empty()) hand.hand = hand_named(options.hand);
     auto device = make_device(hand);
     devices.push_back({std::move(device), options.device == "scripted", false});

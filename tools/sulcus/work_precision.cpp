@@ -11,6 +11,7 @@
 #include "engine/numerics/error.h"
 #include "engine/scene/pieces.h"
 #include "tools/sulcus/commands.h"
+#include "tools/sulcus/recorded_hand.h"
 #include "tools/sulcus/support.h"
 
 namespace sulcus {
@@ -286,20 +287,20 @@ int work_precision_command(const WorkPrecisionOptions& options) {
 
   // everything is read and checked before anything runs
   std::vector<Scenario> scenarios;
-  const Scenario own = load_scenario(path, options.overrides);
+  const Scenario own = load_scenario(path, options.overrides, recorded_hand);
   for (const std::vector<std::string>& choice : choices(varied)) {
     std::vector<std::string> settings = options.overrides;
     for (std::size_t k = 0; k < choice.size(); ++k) settings.push_back(varied[k].key + "=" + choice[k]);
-    scenarios.push_back(load_scenario(path, settings));
+    scenarios.push_back(load_scenario(path, settings, recorded_hand));
     study.rows.push_back({});
     study.rows.back().values = choice;
     study.rows.back().own = same_settings(scenarios.back(), own);
   }
   study.reference = without_overridden(reference_settings(options, varied, scenarios));
-  const Scenario reference = load_scenario(path, study.reference);
+  const Scenario reference = load_scenario(path, study.reference, recorded_hand);
   std::vector<std::string> doubled = study.reference;
   doubled.push_back("/time/step_s=" + std::to_string(2 * reference.scene.step_s));
-  const Scenario longer_steps = load_scenario(path, doubled);
+  const Scenario longer_steps = load_scenario(path, doubled, recorded_hand);
   std::vector<Scene> scenes;
   for (const Scenario& scenario : scenarios) scenes.push_back(make_scene(scenario));
   const Scene reference_scene = make_scene(reference), longer_scene = make_scene(longer_steps);
