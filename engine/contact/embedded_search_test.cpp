@@ -4,8 +4,9 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
-#include <cstdlib>
+#include <map>
 #include <random>
 
 #include "engine/contact/embedded.h"
@@ -103,9 +104,9 @@ Vec3 random_point(std::mt19937_64& random, double margin_m) {
           uniform(random, -margin_m, 0.038 + margin_m)};
 }
 
-// All points of one call share a grid over their box; a point alone has a grid of one cell, that is, all
-// elements whose box holds it. SULCUS_LONG_TESTS=1: a million points.
-TEST(EmbeddedSearch, GridFindsWhatBruteForceFinds) {
+// All points of one call share a grid over their box. In a brick of 3 mm, half a cell, that grid has one
+// cell: each of its points is held against all elements whose boxes meet the brick.
+TEST(EmbeddedSearch, GridFindsWhatBruteForceFindsForAMillionPoints) {
   const std::uint64_t seed = 41;
   SCOPED_TRACE(seed);
   std::mt19937_64 random(seed);
@@ -116,25 +117,36 @@ TEST(EmbeddedSearch, GridFindsWhatBruteForceFinds) {
     return Vec3(x[0] + 0.002 * bend, x[1], x[2] + 0.003 * bend * bend);
   });
   for (double& x : body.positions) x += uniform(random, -0.0006, 0.0006);
-  const int count = std::getenv("SULCUS_LONG_TESTS") != nullptr ? 1000000 : 20000;
-  std::vector<Vec3> points(static_cast<std::size_t>(count));
-  for (Vec3& p : points) p = random_point(random, 0.002);
+  std::vector<Vec3> points(1000000);
+  std::map<std::array<int, 3>, std::vector<std::size_t>> bricks;
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    points[p] = random_point(random, 0.002);
+    std::array<int, 3> brick;
+    for (std::size_t a = 0; a < 3; ++a)
+      brick[a] = static_cast<int>(std::floor(points[p][static_cast<Eigen::Index>(a)] / 0.003));
+    bricks[brick].push_back(p);
+  }
   ContactSearch search;
   const std::vector<Contact> together = body.contacts(points, search);
-  EXPECT_GT(together.size(), points.size() / 3);
-  std::size_t next = 0;
-  for (int p = 0; p < count; ++p) {
-    const std::vector<Contact> alone =
-        body.contacts(std::span(&points[static_cast<std::size_t>(p)], 1), search);
-    const bool found = next < together.size() && together[next].vertex == p;
-    ASSERT_EQ(found, !alone.empty()) << p;
-    if (!found) continue;
-    EXPECT_EQ(together[next].tet, alone[0].tet) << p;
-    EXPECT_EQ(together[next].depth_m, alone[0].depth_m) << p;
-    EXPECT_EQ(together[next].weights, alone[0].weights) << p;
-    ++next;
+  // tissue fills 46 % of the box; a tenth of it is where the distance has no slope
+  EXPECT_GT(together.size(), points.size() * 2 / 5);
+  std::vector<const Contact*> by_grid(points.size(), nullptr);
+  for (const Contact& contact : together) by_grid[static_cast<std::size_t>(contact.vertex)] = &contact;
+  std::size_t found = 0;
+  for (const auto& [brick, members] : bricks) {
+    std::vector<Vec3> near;
+    for (const std::size_t p : members) near.push_back(points[p]);
+    const std::vector<Contact> brute = body.contacts(near, search);
+    found += brute.size();
+    for (const Contact& contact : brute) {
+      const std::size_t p = members[static_cast<std::size_t>(contact.vertex)];
+      ASSERT_NE(by_grid[p], nullptr) << p;
+      EXPECT_EQ(by_grid[p]->tet, contact.tet) << p;
+      EXPECT_EQ(by_grid[p]->depth_m, contact.depth_m) << p;
+      EXPECT_EQ(by_grid[p]->weights, contact.weights) << p;
+    }
   }
-  EXPECT_EQ(next, together.size());
+  EXPECT_EQ(found, together.size());
 }
 
 TEST(EmbeddedSearch, HomeIsThatOfAPlainLoopOverAllElements) {
@@ -157,6 +169,10 @@ TEST(EmbeddedSearch, HomeIsThatOfAPlainLoopOverAllElements) {
     } else {
       const DistanceSample sample =
           sample_distance(body.map, body.pairs, body.distance, body.map.to_voxel(rest), voxel);
+      // no point within the tissue is lost, but for those in the middle between two surfaces: there is no way
+      // out
+      const bool within = sample.distance < 0 && sample.gradient.norm() > 1e-6;
+      EXPECT_EQ(found, within) << p;
       if (found) {
         EXPECT_NEAR(contacts[next].depth_m, -sample.distance, 1e-9) << p;
         ++compared;
@@ -221,7 +237,7 @@ TEST(EmbeddedSearch, ProjectedPointHasItsOwnElement) {
   for (Vec3& p : points) p = random_point(random, 0.001);
   ContactSearch search;
   int others = 0, outside = 0, all = 0;
-  double sum = 0, worst = 0;
+  double sum = 0, worst = 0, furthest = 0;
   for (const Contact& contact : body.contacts(points, search)) {
     if (contact.depth_m > 0.003) continue;
     const Vec3& p = points[static_cast<std::size_t>(contact.vertex)];
@@ -237,12 +253,10 @@ TEST(EmbeddedSearch, ProjectedPointHasItsOwnElement) {
       surface_rest += contact.weights[c] * body.mesh.rest_positions[static_cast<std::size_t>(node)];
       surface += contact.weights[c] * node_vector(body.positions, node);
     }
-    for (const double w : contact.weights) {
-      if (w < -1e-6) {
-        ++outside;
-        break;
-      }
-    }
+    double least = 0;
+    for (const double w : contact.weights) least = std::fmin(least, w);
+    outside += least < -1e-6;
+    furthest = std::fmin(furthest, least);
     if (home == contact.tet) continue;
     ++others;
     const auto& nodes = body.mesh.tets[static_cast<std::size_t>(home)];
@@ -265,11 +279,16 @@ TEST(EmbeddedSearch, ProjectedPointHasItsOwnElement) {
   std::printf(
       "T_s is another element than T for %.1f %% of %d vertices; T would put the surface point %.3f mm off "
       "in "
-      "the mean, %.3f mm at worst; %.1f %% of the surface points lie outside of every element of their "
-      "copy\n",
-      100.0 * others / all, all, 1e3 * sum / std::max(others, 1), 1e3 * worst, 100.0 * outside / all);
+      "the mean, %.3f mm at worst; %.1f %% of the surface points lie a little outside of every element of "
+      "their "
+      "copy (smallest weight %.3f)\n",
+      100.0 * others / all, all, 1e3 * sum / std::max(others, 1), 1e3 * worst, 100.0 * outside / all,
+      furthest);
   EXPECT_GT(others, all / 20);
-  EXPECT_LT(outside, all / 8);
+  // The surface of the smoothed distance runs beside the faces of the voxels, so a surface point may lie
+  // beyond the cell that owns the voxel a quarter of a voxel further in, by that quarter: a weight of it in a
+  // corner of a cell of 6 voxels, whose height is 6 / sqrt(3).
+  EXPECT_GT(furthest, -0.25 * std::sqrt(3.0) / 6);
 }
 
 }  // namespace

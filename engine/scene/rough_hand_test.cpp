@@ -117,5 +117,22 @@ TEST(RoughHand, StiffnessBeyondAllDigitsIsRefusedAndTheStiffestSurvived) {
       [](const StepReport&) {});
 }
 
+TEST(RoughHand, StiffnessOfZeroTouchesAndPushesNothing) {
+  for (const auto detection : {ContactDetection::embedded_vertices, ContactDetection::surface_nodes}) {
+    SceneDescription d = ball_over_block(detection, Precision::double_precision);
+    d.contact.stiffness_N_m = d.contact.damping_N_s_m = 0;
+    std::int32_t touches = 0;
+    run(
+        build(std::move(d)), 40, [](int n) { return at(0.05, 0.05, 0.122 - 0.0005 * n); },
+        [&](const StepReport& report) {
+          touches += report.tools[0].contacts;
+          EXPECT_EQ(report.tools[0].tissue_force, Vec3(0, 0, 0));
+          EXPECT_LT(report.tools[0].contact_force.norm(), 1e-12);  // by the tool's momentum
+          EXPECT_EQ(report.kinetic_energy_J, 0);                   // the tissue does not notice
+        });
+    EXPECT_GT(touches, 0);
+  }
+}
+
 }  // namespace
 }  // namespace sulcus
