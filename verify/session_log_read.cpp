@@ -86,6 +86,10 @@ namespace {
 
 using session_log::Kind;
 
+[[noreturn]] void refuse_empty(const std::string& place) {
+  throw InputError(place + ": ends before the first step; there is nothing to recover");
+}
+
 // Gives the log's chunks, whole and in order, until one is not.
 class LogFile {
  public:
@@ -95,7 +99,14 @@ class LogFile {
     if (!file_ || error)
       throw InputError(place_ + ": cannot be opened; give the log of a session or a run (run.h5.log)");
     session_log::FileStart start;
-    if (!take(&start, sizeof start) || start.magic != session_log::magic)
+    if (left_ < sizeof start) {  // killed within its first write
+      const auto size = static_cast<std::size_t>(left_);
+      file_.read(reinterpret_cast<char*>(&start), static_cast<std::streamsize>(size));
+      const auto known = static_cast<std::ptrdiff_t>(std::min(size, start.magic.size()));
+      if (std::equal(start.magic.begin(), start.magic.begin() + known, session_log::magic.begin()))
+        refuse_empty(place_);
+    }
+    if (left_ < sizeof start || !take(&start, sizeof start) || start.magic != session_log::magic)
       throw InputError(place_ + ": is no log of a session or a run; give a run.h5.log");
     if (start.version != session_log_version)
       throw InputError(place_ + ": has version " + std::to_string(start.version) + ", this program reads " +
@@ -297,10 +308,6 @@ class Transcript {
   throw InputError(place +
                    ": a chunk that is whole holds records that make no sense; it was not written by " +
                    "this program");
-}
-
-[[noreturn]] void refuse_empty(const std::string& place) {
-  throw InputError(place + ": ends before the first step; there is nothing to recover");
 }
 
 }  // namespace

@@ -185,7 +185,30 @@ TEST(SessionLog, WhatIsNoLogIsRefused) {
   test::write_text(dir / "text", "this is a text that is longer than the start of a log");
   EXPECT_THROW(read_session_log_header(dir / "text"), InputError);
   EXPECT_THROW(record_session_log(dir / "text", dir / "run.h5", small_engine()), InputError);
+  test::write_text(dir / "short", "a text");
+  try {
+    read_session_log_header(dir / "short");
+    ADD_FAILURE() << "a text was taken for a log";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("is no log"), std::string::npos) << error.what();
+  }
   EXPECT_FALSE(fs::exists(dir / "run.h5"));
+}
+
+// A process may be killed between making the file and its first write, or within that.
+TEST(SessionLog, OneThatHasHardlyBegunIsSaidToHoldNothing) {
+  const fs::path dir = test::scratch_dir();
+  finished_log(dir / "log", 20);
+  for (const std::uintmax_t size : {0, 5, 8, 15, 16, 40, 60}) {
+    fs::copy_file(dir / "log", dir / "cut", fs::copy_options::overwrite_existing);
+    fs::resize_file(dir / "cut", size);
+    try {
+      record_session_log(dir / "cut", dir / "run.h5", small_engine());
+      ADD_FAILURE() << size;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("before the first step"), std::string::npos) << error.what();
+    }
+  }
 }
 
 TEST(SessionLog, StepsThatDoNotRunAgainAreRefused) {
