@@ -12,6 +12,14 @@
 
 #include "hw_phantom/standin/control.h"
 
+#ifdef __has_feature  // clang
+#define SANITIZED (__has_feature(address_sanitizer) || __has_feature(thread_sanitizer))
+#elif defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // gcc
+#define SANITIZED 1
+#else
+#define SANITIZED 0
+#endif
+
 namespace sulcus {
 namespace {
 
@@ -83,7 +91,7 @@ TEST(Exit, TerminateLeavesNoForce) {
   expect_killed_without_force("terminate", SIGABRT);
 }
 TEST(Exit, SegmentationFaultLeavesNoForce) {
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#if SANITIZED
   GTEST_SKIP() << "the sanitizer handles this signal itself";
 #else
   expect_killed_without_force("segv", SIGSEGV);
@@ -102,7 +110,7 @@ TEST(Exit, LimitOfTheSystemLeavesNoForce) {
   expect_killed_without_force("file_size", SIGXFSZ);
 }
 TEST(Exit, StackThatOverflowsLeavesNoForce) {
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#if SANITIZED
   GTEST_SKIP() << "the sanitizer handles this signal itself";
 #else
   expect_killed_without_force("overflow", SIGSEGV);
@@ -113,7 +121,7 @@ TEST(Exit, AbortInTheServosThreadLeavesNoForce) {
   expect_killed_without_force("servo_abort", SIGABRT);
 }
 TEST(Exit, SegmentationFaultInTheServosThreadLeavesNoForce) {
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#if SANITIZED
   GTEST_SKIP() << "the sanitizer handles this signal itself";
 #else
   expect_killed_without_force("servo_segv", SIGSEGV);

@@ -168,43 +168,45 @@ std::string number(double value) {
   return text;
 }
 
-std::string changes_table(const std::vector<StepChange>& changes, const Json& entries) {
+// Rows of a name and three numbers; on a narrow page the name stands above its numbers.
+std::string table_head(const char* first, const char* second) {
+  std::string html = "<table class=\"timing\"><thead><tr><th>what</th>";
+  for (const char* title : {first, second, "change"})
+    html += std::string("<th class=\"number\">") + title + "</th>";
+  return html + "</tr></thead><tbody>\n";
+}
+
+std::string table_row(const Trend& trend, double before, double now) {
+  std::string html = "<tr><th scope=\"row\">" + escape_html(trend.group + ": " + trend.name) + "</th>";
+  for (const std::string& text : {number(before), number(now), percent(before, now)})
+    html += "<td class=\"number\">" + escape_html(text) + "</td>";
+  return html + "</tr>\n";
+}
+
+// A table for each entry that changed something, the newest first.
+std::string changes_tables(const std::vector<StepChange>& changes, const Json& entries) {
   if (changes.empty()) return "<p>No step change.</p>\n";
-  std::string html =
-      "<div class=\"wide\"><table><thead><tr><th>entry</th><th>commit</th><th>day</th><th>what</th>"
-      "<th>before</th><th>since</th><th>change</th><th>why</th></tr></thead><tbody>\n";
-  for (const StepChange& change : changes) {
-    const Json& entry = entries[change.entry];
-    const auto cell = [&](const std::string& text, const char* kind = "") {
-      html += std::string("<td") + kind + ">" + escape_html(text) + "</td>";
-    };
-    html += "<tr>";
-    cell(std::to_string(change.entry + 1), " class=\"number\"");
-    cell(entry.at("commit").get<std::string>());
-    cell(entry.at("day").get<std::string>());
-    cell(change.trend->group + ": " + change.trend->name);
-    cell(number(change.before), " class=\"number\"");
-    cell(number(change.now), " class=\"number\"");
-    cell(percent(change.before, change.now), " class=\"number\"");
-    cell(entry.at("why").get<std::string>());
-    html += "</tr>\n";
+  std::string html;
+  for (std::size_t c = 0; c < changes.size(); ++c) {
+    const Json& entry = entries[changes[c].entry];
+    if (c == 0 || changes[c].entry != changes[c - 1].entry) {
+      html += (c == 0 ? "" : "</tbody></table>\n") + ("<h4>Entry " + std::to_string(changes[c].entry + 1)) +
+              ", commit " + escape_html(entry.at("commit").get<std::string>()) + ", " +
+              escape_html(entry.at("day").get<std::string>()) + "</h4>\n<p>" +
+              escape_html(entry.at("why").get<std::string>()) + "</p>\n" + table_head("before", "since");
+    }
+    html += table_row(*changes[c].trend, changes[c].before, changes[c].now);
   }
-  return html + "</tbody></table></div>\n";
+  return html + "</tbody></table>\n";
 }
 
 std::string newest_table(const std::vector<Trend>& trends, std::size_t newest) {
-  std::string html =
-      "<div "
-      "class=\"wide\"><table><thead><tr><th>what</th><th>first</th><th>newest</th><th>change</th></tr></"
-      "thead><tbody>\n";
+  std::string html = table_head("first", "newest");
   for (const Trend& trend : trends) {
-    if (trend.points.back().entry != newest) continue;
-    const double first = trend.points.front().value, now = trend.points.back().value;
-    html += "<tr><td>" + escape_html(trend.group + ": " + trend.name) + "</td><td class=\"number\">" +
-            number(first) + "</td><td class=\"number\">" + number(now) + "</td><td class=\"number\">" +
-            percent(first, now) + "</td></tr>\n";
+    if (trend.points.back().entry == newest)
+      html += table_row(trend, trend.points.front().value, trend.points.back().value);
   }
-  return html + "</tbody></table></div>\n";
+  return html + "</tbody></table>\n";
 }
 
 std::string section(const std::string& title, const std::string& text, const std::vector<Trend>& trends,
@@ -218,7 +220,7 @@ std::string section(const std::string& title, const std::string& text, const std
   for (const std::string& group : groups)
     html += "<figure><figcaption>" + escape_html(group) + "</figcaption>" +
             chart_svg(chart_of(trends, group, entries, changes)) + "</figure>\n";
-  return html + "</div>\n<h3>Step changes</h3>\n" + changes_table(changes, entries) +
+  return html + "</div>\n<h3>Step changes</h3>\n" + changes_tables(changes, entries) +
          "<details><summary>All of the newest entry</summary>\n" + newest_table(trends, entries.size() - 1) +
          "</details>\n";
 }

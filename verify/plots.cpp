@@ -97,6 +97,8 @@ std::string axis_ranges(const Chart& chart, const Range& x, Range y) {
 }
 
 std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Range& x, const Range& y) {
+  // entries of a history have whole numbers
+  const bool few_whole = chart.kind == ChartKind::trend && x.high - x.low < 12;
   std::ostringstream out;
   out << "set terminal svg size 520,290 dynamic enhanced font 'sans-serif,13'\n"
       << "set encoding utf8\nset datafile missing 'NaN'\n"
@@ -106,7 +108,7 @@ std::string script(const Chart& chart, const std::vector<Curve>& drawn, const Ra
       << "set grid ytics lt 1 lc rgb '#B0808080' lw 0.7\n"
       << "set xlabel " << gnuplot_text(chart.x_label) << " noenhanced tc rgb '" << ink << "' offset 0,0.3\n"
       << "set ylabel " << gnuplot_text(chart.y_label) << " noenhanced tc rgb '" << ink << "' offset 0.5,0\n"
-      << "set xtics autofreq\nset style fill solid 0.85 noborder\n"
+      << (few_whole ? "set xtics 1\n" : "set xtics autofreq\n") << "set style fill solid 0.85 noborder\n"
       << "set key above left horizontal Left reverse noenhanced samplen 0.9 width -1 maxcols 4 font ',12' tc "
          "rgb '"
       << ink << "'\n"
