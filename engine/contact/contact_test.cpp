@@ -16,6 +16,7 @@ struct Block {
   SeparationPairs pairs;
   EmbeddingMesh mesh;
   DistanceField distance;
+  std::vector<VoxelBox> owned;
   std::vector<double> positions;
 
   explicit Block(bool cut) {
@@ -30,14 +31,15 @@ struct Block {
     options.size_m = 5e-3;  // cells of 5 voxels: the cut runs through the middle of cells
     mesh = build_embedding(map, pairs, options);
     distance = build_distance_field(map, pairs);
+    owned = find_owned_voxels(map, mesh);
     positions = flat_positions(mesh);
   }
 
   std::vector<Contact> contacts(const std::vector<Vec3>& vertices) const {
     ContactSearch search;
     std::vector<Contact> found;
-    find_embedded_contacts(map, pairs, distance, mesh, positions, {}, 0, vertices, Vec3::Zero(), search,
-                           found);
+    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Vec3::Zero(),
+                           search, found);
     return found;
   }
 };

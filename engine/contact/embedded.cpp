@@ -1,9 +1,13 @@
 #include "engine/contact/embedded.h"
 
+#include <omp.h>
+
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+
+#include "engine/numerics/team.h"
 
 namespace sulcus {
 namespace {
@@ -12,48 +16,72 @@ struct Box {
   Vec3 low, high;
 };
 
+// On which sides of the box a point lies: one bit a side.
+std::uint8_t sides_of(const double* point, const Box& box) {
+  unsigned sides = 0;
+  for (unsigned a = 0; a < 3; ++a) {
+    sides |= static_cast<unsigned>(point[a] < box.low[a]) << a | static_cast<unsigned>(point[a] > box.high[a])
+                                                                     << (a + 3);
+  }
+  return static_cast<std::uint8_t>(sides);
+}
+
+// The map from world coordinates to barycentric ones; false for a flat tetrahedron, which holds no point.
+bool invert(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
+            CandidateTet& candidate) {
+  const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
+  candidate.tet = tet;
+  candidate.origin = node_vector(positions, nodes[0]);
+  Mat3 edges;
+  for (int c = 0; c < 3; ++c)
+    edges.col(c) = node_vector(positions, nodes[static_cast<std::size_t>(c + 1)]) - candidate.origin;
+  const Vec3 first = edges.col(1).cross(edges.col(2));
+  const double det = edges.col(0).dot(first);
+  if (!(std::fabs(det) > 1e-24)) return false;
+  candidate.inverse.row(0) = first / det;
+  candidate.inverse.row(1) = edges.col(2).cross(edges.col(0)) / det;
+  candidate.inverse.row(2) = edges.col(0).cross(edges.col(1)) / det;
+  return true;
+}
+
 // Tetrahedra whose deformed box meets the tool's: those without a side of the tool's box that all nodes are
-// beyond, of cells likewise. Flat ones hold no point.
+// beyond, of cells likewise.
 void collect_candidates(const EmbeddingMesh& mesh, std::span<const double> positions,
                         std::span<const std::uint8_t> alive, const Box& box, ContactSearch& search) {
-  const auto count = static_cast<std::int64_t>(mesh.rest_positions.size());
+  const auto nodes = static_cast<std::int64_t>(mesh.rest_positions.size());
+  const auto cells = static_cast<std::int64_t>(mesh.cell_nodes.size());
   search.sides.resize(mesh.rest_positions.size());
-#pragma omp parallel for num_threads(search.threads) schedule(static)
-  for (std::int64_t node = 0; node < count; ++node) {
-    unsigned sides = 0;
-    for (unsigned a = 0; a < 3; ++a) {
-      const double x = positions[static_cast<std::size_t>(3 * node + a)];
-      sides |= static_cast<unsigned>(x < box.low[a]) << a | static_cast<unsigned>(x > box.high[a]) << (a + 3);
-    }
-    search.sides[static_cast<std::size_t>(node)] = static_cast<std::uint8_t>(sides);
-  }
-  const auto meets = [&](const std::int32_t* nodes, int nodes_count) {
+  search.parts.resize(static_cast<std::size_t>(search.threads));
+  const auto meets = [&](const std::int32_t* corners, int count) {
     unsigned all = 63;
-    for (int c = 0; c < nodes_count; ++c) all &= search.sides[static_cast<std::size_t>(nodes[c])];
+    for (int c = 0; c < count; ++c) all &= search.sides[static_cast<std::size_t>(corners[c])];
     return all == 0;
   };
-  search.candidates.clear();
-  const auto per_cell = static_cast<std::size_t>(mesh.tets_per_cell);
-  for (std::size_t cell = 0; cell < mesh.cell_nodes.size(); ++cell) {
-    if (!meets(mesh.cell_nodes[cell].data(), 8)) continue;
-    for (std::size_t tet = cell * per_cell; tet < (cell + 1) * per_cell; ++tet) {
-      const auto& nodes = mesh.tets[tet];
-      if ((!alive.empty() && !alive[tet]) || !meets(nodes.data(), 4)) continue;
+  const auto look_at_cell = [&](std::int64_t cell, std::vector<CandidateTet>& found) {
+    if (!meets(mesh.cell_nodes[static_cast<std::size_t>(cell)].data(), 8)) return;
+    for (std::int64_t t = cell * mesh.tets_per_cell; t < (cell + 1) * mesh.tets_per_cell; ++t) {
+      const auto tet = static_cast<std::size_t>(t);
+      if ((!alive.empty() && !alive[tet]) || !meets(mesh.tets[tet].data(), 4)) continue;
       CandidateTet candidate;
-      candidate.tet = static_cast<std::int32_t>(tet);
-      candidate.origin = node_vector(positions, nodes[0]);
-      Mat3 edges;
-      for (int c = 0; c < 3; ++c)
-        edges.col(c) = node_vector(positions, nodes[static_cast<std::size_t>(c + 1)]) - candidate.origin;
-      const Vec3 first = edges.col(1).cross(edges.col(2));
-      const double det = edges.col(0).dot(first);
-      if (!(std::fabs(det) > 1e-24)) continue;
-      candidate.inverse.row(0) = first / det;
-      candidate.inverse.row(1) = edges.col(2).cross(edges.col(0)) / det;
-      candidate.inverse.row(2) = edges.col(0).cross(edges.col(1)) / det;
-      search.candidates.push_back(candidate);
+      if (invert(mesh, positions, static_cast<std::int32_t>(t), candidate)) found.push_back(candidate);
     }
+  };
+#pragma omp parallel num_threads(search.threads)
+  {
+    const int thread = omp_get_thread_num();
+    const Range own_nodes = share(nodes, thread, search.threads);
+    for (std::int64_t node = own_nodes.first; node < own_nodes.last; ++node)
+      search.sides[static_cast<std::size_t>(node)] =
+          sides_of(&positions[static_cast<std::size_t>(3 * node)], box);
+    auto& found = search.parts[static_cast<std::size_t>(thread)];
+    found.clear();
+    const Range own_cells = share(cells, thread, search.threads);
+#pragma omp barrier
+    for (std::int64_t cell = own_cells.first; cell < own_cells.last; ++cell) look_at_cell(cell, found);
   }
+  search.candidates.clear();
+  for (const auto& part : search.parts)
+    search.candidates.insert(search.candidates.end(), part.begin(), part.end());
 }
 
 // A uniform grid over the tool's box; each grid cell lists the candidates whose boxes meet it.
@@ -138,26 +166,31 @@ bool voxel_at(const LabelMap& map, const Vec3& point_voxel, Voxel& voxel) {
 
 // The voxel owned by `cell` nearest to the point, among the 27 around it. Returns the squared distance in
 // voxels, or a negative number if there is none.
-double nearest_owned_voxel(const LabelMap& map, const EmbeddingMesh& mesh, std::int32_t cell,
-                           const Vec3& point_voxel, Voxel& nearest) {
-  double best = -1;
-  Index3 centre;
+double nearest_owned_voxel(const EmbeddedTissue& tissue, std::int32_t cell, const Vec3& point_voxel,
+                           Voxel& nearest) {
+  const LabelMap& map = tissue.map;
+  const EmbeddingMesh& mesh = tissue.mesh;
   if (voxel_at(map, point_voxel, nearest) && mesh.cell_of_voxel[nearest.index] == cell) {
     return (Vec3(nearest.at[0], nearest.at[1], nearest.at[2]) - point_voxel).squaredNorm();
   }
+  const VoxelBox& owned = tissue.owned[static_cast<std::size_t>(cell)];
+  Index3 low, high;
   for (std::size_t a = 0; a < 3; ++a) {
-    centre[a] = static_cast<int>(std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5));
+    const double centre = std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5);
+    if (!(centre >= owned.low[a] - 1.0 && centre <= owned.high[a] + 1.0)) return -1;
+    low[a] = std::max(static_cast<int>(centre) - 1, owned.low[a]);
+    high[a] = std::min(static_cast<int>(centre) + 1, owned.high[a]);
   }
-  for (int dk = -1; dk <= 1; ++dk) {
-    for (int dj = -1; dj <= 1; ++dj) {
-      for (int di = -1; di <= 1; ++di) {
-        const Vec3 place(centre[0] + di, centre[1] + dj, centre[2] + dk);
-        Voxel voxel;
-        if (!voxel_at(map, place, voxel) || mesh.cell_of_voxel[voxel.index] != cell) continue;
-        const double distance = (place - point_voxel).squaredNorm();
+  double best = -1;
+  for (int k = low[2]; k <= high[2]; ++k) {
+    for (int j = low[1]; j <= high[1]; ++j) {
+      for (int i = low[0]; i <= high[0]; ++i) {
+        const std::size_t index = map.index(i, j, k);
+        if (mesh.cell_of_voxel[index] != cell) continue;
+        const double distance = (Vec3(i, j, k) - point_voxel).squaredNorm();
         if (best < 0 || distance < best) {
           best = distance;
-          nearest = voxel;
+          nearest = {{i, j, k}, index};
         }
       }
     }
@@ -218,11 +251,40 @@ bool world_normal(const EmbeddingMesh& mesh, std::span<const double> positions, 
 
 }  // namespace
 
-void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& distance,
-                            const EmbeddingMesh& mesh, std::span<const double> positions,
+std::vector<VoxelBox> find_owned_voxels(const LabelMap& map, const EmbeddingMesh& mesh) {
+  std::vector<VoxelBox> owned(mesh.cell_position.size());
+  for (std::size_t cell = 0; cell < owned.size(); ++cell) {
+    VoxelBox& box = owned[cell];
+    Index3 low, high;
+    for (std::size_t a = 0; a < 3; ++a) {
+      low[a] = mesh.cell_position[cell][a] * mesh.voxels_per_cell[a];
+      high[a] = std::min(low[a] + mesh.voxels_per_cell[a], map.size[a]) - 1;
+    }
+    bool any = false;
+    for (int k = low[2]; k <= high[2]; ++k) {
+      for (int j = low[1]; j <= high[1]; ++j) {
+        for (int i = low[0]; i <= high[0]; ++i) {
+          if (mesh.cell_of_voxel[map.index(i, j, k)] != static_cast<std::int32_t>(cell)) continue;
+          const Index3 at{i, j, k};
+          for (std::size_t a = 0; a < 3; ++a) {
+            box.low[a] = any ? std::min(box.low[a], at[a]) : at[a];
+            box.high[a] = any ? std::max(box.high[a], at[a]) : at[a];
+          }
+          any = true;
+        }
+      }
+    }
+  }
+  return owned;
+}
+
+void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double> positions,
                             std::span<const std::uint8_t> alive, std::int32_t tool,
                             std::span<const Vec3> vertices_world, const Vec3& centre, ContactSearch& search,
                             std::vector<Contact>& contacts) {
+  const LabelMap& map = tissue.map;
+  const SeparationPairs& pairs = tissue.pairs;
+  const EmbeddingMesh& mesh = tissue.mesh;
   if (vertices_world.empty()) return;
   Box box{vertices_world[0], vertices_world[0]};
   for (const Vec3& v : vertices_world) {
@@ -239,7 +301,8 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
 
   const auto count = static_cast<std::int64_t>(vertices_world.size());
   search.found.resize(vertices_world.size());
-#pragma omp parallel for num_threads(search.threads) schedule(static)
+  // dealt out in turns: vertices in the tissue, which cost most, stand together
+#pragma omp parallel for num_threads(search.threads) schedule(static, 8)
   for (std::int64_t vertex = 0; vertex < count; ++vertex) {
     Contact& contact = search.found[static_cast<std::size_t>(vertex)];
     contact = Contact{};
@@ -265,7 +328,7 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
       }
       const Vec3 at = map.to_voxel(rest);
       Voxel voxel;
-      const double away = nearest_owned_voxel(map, mesh, candidate / mesh.tets_per_cell, at, voxel);
+      const double away = nearest_owned_voxel(tissue, candidate / mesh.tets_per_cell, at, voxel);
       if (away >= 0 && (nearest < 0 || away < nearest)) {
         nearest = away;
         tet = candidate;
@@ -275,7 +338,7 @@ void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, c
     }
     if (tet < 0) continue;
 
-    const DistanceSample sample = sample_distance(map, pairs, distance, point_voxel, home.index);
+    const DistanceSample sample = sample_distance(map, pairs, tissue.distance, point_voxel, home.index);
     const double slope = std::sqrt(sample.gradient.squaredNorm());
     if (!(sample.distance < 0) || !(slope > 1e-6)) continue;
     const Vec3 rest_normal = sample.gradient / slope;

@@ -53,19 +53,37 @@ struct CandidateTet {
   Mat3 inverse = Mat3::Zero();  // 1/m
 };
 
+// The voxels that a cell owns lie between these two, both included.
+struct VoxelBox {
+  Index3 low{0, 0, 0}, high{-1, -1, -1};
+};
+
+// Box of each cell's voxels, [cells]; a cell without any has an empty one. Cost: a look at the voxels of all
+// cells.
+std::vector<VoxelBox> find_owned_voxels(const LabelMap& map, const EmbeddingMesh& mesh);
+
+// The tissue at rest, as the search sees it.
+struct EmbeddedTissue {
+  const LabelMap& map;
+  const SeparationPairs& pairs;
+  const DistanceField& distance;
+  const EmbeddingMesh& mesh;
+  std::span<const VoxelBox> owned;  // by find_owned_voxels
+};
+
 // Scratch of the search; reused from step to step, content without meaning between calls.
 struct ContactSearch {
   int threads = 1;
-  std::vector<std::uint8_t> sides;       // [nodes] on which sides of the tool's box a node lies, as bits
-  std::vector<CandidateTet> candidates;  // near the tool
+  std::vector<std::uint8_t> sides;  // [nodes] on which sides of the tool's box a node lies, as bits
+  std::vector<std::vector<CandidateTet>> parts;      // [threads], near the tool
+  std::vector<CandidateTet> candidates;              // the same one behind the other
   std::vector<std::int32_t> cell_start, cell_items;  // of a grid over the tool's box: candidates
   std::vector<Contact> found;                        // [vertices]; depth 0 = none
 };
 
-// Appends the contacts of one tool in order of its vertices. vertices_world and arms: [vertices].
-// positions: [3*nodes]. alive: [tets].
-void find_embedded_contacts(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& distance,
-                            const EmbeddingMesh& mesh, std::span<const double> positions,
+// Appends the contacts of one tool in order of its vertices, the same for any number of threads.
+// vertices_world: [vertices]; centre: of the tool's mass. positions: [3*nodes]. alive: [tets] or empty = all.
+void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double> positions,
                             std::span<const std::uint8_t> alive, std::int32_t tool,
                             std::span<const Vec3> vertices_world, const Vec3& centre, ContactSearch& search,
                             std::vector<Contact>& contacts);

@@ -23,6 +23,7 @@ struct Cylinder {
   SeparationPairs pairs = make_separation_pairs({{2, 3}});
   EmbeddingMesh mesh;
   DistanceField distance;
+  std::vector<VoxelBox> owned;
   std::vector<double> positions;
 
   Cylinder() {
@@ -37,6 +38,7 @@ struct Cylinder {
     options.size_m = 6e-3;
     mesh = build_embedding(map, pairs, options);
     distance = build_distance_field(map, pairs);
+    owned = find_owned_voxels(map, mesh);
     positions = flat_positions(mesh);
   }
 
@@ -50,8 +52,8 @@ struct Cylinder {
 
   std::vector<Contact> contacts(std::span<const Vec3> vertices, ContactSearch& search) const {
     std::vector<Contact> found;
-    find_embedded_contacts(map, pairs, distance, mesh, positions, {}, 0, vertices, Vec3::Zero(), search,
-                           found);
+    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Vec3::Zero(),
+                           search, found);
     return found;
   }
 

@@ -258,6 +258,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
     }
   } else if (!d.tools.empty()) {
     scene.distance = std::make_unique<const DistanceField>(build_distance_field(d.map, d.pairs));
+    scene.owned_voxels = find_owned_voxels(d.map, scene.mesh);
   }
   if (scene.nodes_touch()) scene.faces = face_neighbours(scene.mesh.tets);
   return scene;

@@ -118,6 +118,7 @@ struct Scene {
   ElementData elements;
   Sparsity sparsity;
   std::unique_ptr<const DistanceField> distance;   // only in scenes with a tool and embedded_vertices
+  std::vector<VoxelBox> owned_voxels;              // [cells], likewise
   std::vector<RigidDistance> tool_distances;       // [tools], only with surface_nodes
   std::vector<RigidDistance> obstacle_distances;   // [obstacles]
   FaceNeighbours faces;                            // only where nodes touch rigid bodies

@@ -40,8 +40,9 @@ void find_contacts(const Scene& scene, const State& state, Workspace& workspace)
     workspace.vertices.resize(vertices.size());
     for (std::size_t v = 0; v < vertices.size(); ++v)
       workspace.vertices[v] = tool.position + rotation * vertices[v];
-    find_embedded_contacts(scene.settings.map, scene.settings.pairs, *scene.distance, scene.mesh,
-                           state.positions, {}, static_cast<std::int32_t>(t), workspace.vertices,
+    const EmbeddedTissue tissue{scene.settings.map, scene.settings.pairs, *scene.distance, scene.mesh,
+                                scene.owned_voxels};
+    find_embedded_contacts(tissue, state.positions, {}, static_cast<std::int32_t>(t), workspace.vertices,
                            tool.position, workspace.search, workspace.contacts);
   }
   for (std::size_t o = 0; o < scene.settings.obstacles.size(); ++o) {
@@ -404,6 +405,9 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
     workspace->search.threads = threads;
     workspace->search.sides.reserve(nodes);
     workspace->search.candidates.reserve(scene.mesh.tets.size());
+    workspace->search.parts.resize(static_cast<std::size_t>(threads));
+    for (auto& part : workspace->search.parts)
+      part.reserve(scene.mesh.tets.size() / static_cast<std::size_t>(threads) + 6);
     workspace->search.cell_items.reserve(8 * scene.mesh.tets.size());
     workspace->search.cell_start.reserve(16 * 16 * 16 + 1);
   }

@@ -42,7 +42,8 @@ void number_levels(const EmbeddingMesh& mesh, const std::vector<CoarseLevel>& le
   const auto mesh_cells = static_cast<std::int32_t>(mesh.cell_nodes.size());
   for (std::size_t l = 0; l < levels.size(); ++l) {
     const auto node = static_cast<std::int32_t>(m.first_node[l]);
-    for (std::int32_t p : levels[l].parent) m.parent.push_back(p + static_cast<std::int32_t>(m.first_cell[l]));
+    for (std::int32_t p : levels[l].parent)
+      m.parent.push_back(p + static_cast<std::int32_t>(m.first_cell[l]));
     for (auto nodes : levels[l].cell_nodes) {
       for (std::int32_t& n : nodes) n += node;
       m.cell_nodes.push_back(nodes);
@@ -211,10 +212,11 @@ void add_quaternion(Real* a, const Real* b) {
   for (int k = 0; k < 4; ++k) a[k] += dot < Real(0) ? -b[k] : b[k];
 }
 
-// What of a cell is left, as a share. torn: mu V of what is gone, of the cells of the level below, and here of this one.
+// What of a cell is left, as a share. torn: mu V of what is gone, of the cells of the level below, and here
+// of this one.
 template <class Real>
-Real share_left(const Multigrid& m, std::int64_t level, std::int64_t cell, std::span<const std::uint8_t> alive,
-                std::vector<Real>& torn) {
+Real share_left(const Multigrid& m, std::int64_t level, std::int64_t cell,
+                std::span<const std::uint8_t> alive, std::vector<Real>& torn) {
   Real sum = 0;
   for (std::int32_t k = m.child_start[at(cell)]; k < m.child_start[at(cell) + 1]; ++k) {
     const std::int64_t child = m.children[at(k)];
@@ -236,9 +238,10 @@ void store_turn(const Real* q, Real size, Real* columns) {
   const bool usable = square > Real(1e-6);
   const Real two = usable ? Real(2) / square : Real(0);
   const Real s = q[0], x = q[1], y = q[2], z = q[3];
-  const Real r[9] = {Real(1) - two * (y * y + z * z), two * (x * y - s * z),           two * (x * z + s * y),
-                     two * (x * y + s * z),           Real(1) - two * (x * x + z * z), two * (y * z - s * x),
-                     two * (x * z - s * y),           two * (y * z + s * x), Real(1) - two * (x * x + y * y)};
+  const Real r[9] = {
+      Real(1) - two * (y * y + z * z), two * (x * y - s * z),           two * (x * z + s * y),
+      two * (x * y + s * z),           Real(1) - two * (x * x + z * z), two * (y * z - s * x),
+      two * (x * z - s * y),           two * (y * z + s * x),           Real(1) - two * (x * x + y * y)};
   for (int j = 0; j < 3; ++j) {
     for (int i = 0; i < 3; ++i) columns[4 * j + i] = size * r[3 * i + j];
     columns[4 * j + 3] = Real(0);
@@ -324,7 +327,8 @@ void clear_contacts(MultigridWorkspace<Real>& workspace) {
 }
 
 template <class Real>
-void add_contact(const Multigrid& m, const EmbeddingMesh& mesh, std::int32_t tet, const std::array<double, 4>& weights, const Mat3& block,
+void add_contact(const Multigrid& m, const EmbeddingMesh& mesh, std::int32_t tet,
+                 const std::array<double, 4>& weights, const Mat3& block,
                  MultigridWorkspace<Real>& workspace) {
   const std::int64_t mesh_cell = tet / mesh.tets_per_cell;
   Vec3 point = Vec3::Zero();
@@ -350,7 +354,8 @@ void add_contact(const Multigrid& m, const EmbeddingMesh& mesh, std::int32_t tet
 
 template <class Real>
 void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::span<const double> rotations,
-                      std::span<const std::uint8_t> alive, const SolverKernels<Real>& kernels, int threads, MultigridWorkspace<Real>& workspace) {
+                      std::span<const std::uint8_t> alive, const SolverKernels<Real>& kernels, int threads,
+                      MultigridWorkspace<Real>& workspace) {
   const LevelView<Real> levels = level_view(m, workspace);
   SpinBarrier barrier(threads);
 #pragma omp parallel num_threads(threads)
@@ -366,7 +371,8 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
     for (std::int64_t level = 0; level < m.levels; ++level) {
       const std::int64_t count = m.first_cell[at(level) + 1] - m.first_cell[at(level)];
       const Range cells = share(count, thread, threads);
-      for (std::int64_t c = m.first_cell[at(level)] + cells.first; c < m.first_cell[at(level)] + cells.last; ++c) {
+      for (std::int64_t c = m.first_cell[at(level)] + cells.first; c < m.first_cell[at(level)] + cells.last;
+           ++c) {
         Real* sum = &workspace.quaternions[at(4 * c)];
         for (int k = 0; k < 4; ++k) sum[k] = Real(0);
         for (std::int32_t k = m.child_start[at(c)]; k < m.child_start[at(c) + 1]; ++k) {
@@ -387,13 +393,14 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
   }
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                             \
-  template MultigridWorkspace<Real> make_multigrid_workspace<Real>(const Multigrid&, std::int64_t, int);     \
-  template void clear_contacts<Real>(MultigridWorkspace<Real>&);                                             \
-  template void add_contact<Real>(const Multigrid&, const EmbeddingMesh&, std::int32_t,                      \
-                                  const std::array<double, 4>&, const Mat3&, MultigridWorkspace<Real>&);     \
-  template void set_up_multigrid<Real>(const Multigrid&, const RowMatrix<Real>&, std::span<const double>,    \
-                                       std::span<const std::uint8_t>, const SolverKernels<Real>&, int, MultigridWorkspace<Real>&);          \
+#define SULCUS_INSTANTIATE(Real)                                                                          \
+  template MultigridWorkspace<Real> make_multigrid_workspace<Real>(const Multigrid&, std::int64_t, int);  \
+  template void clear_contacts<Real>(MultigridWorkspace<Real>&);                                          \
+  template void add_contact<Real>(const Multigrid&, const EmbeddingMesh&, std::int32_t,                   \
+                                  const std::array<double, 4>&, const Mat3&, MultigridWorkspace<Real>&);  \
+  template void set_up_multigrid<Real>(const Multigrid&, const RowMatrix<Real>&, std::span<const double>, \
+                                       std::span<const std::uint8_t>, const SolverKernels<Real>&, int,    \
+                                       MultigridWorkspace<Real>&);                                        \
   template LevelView<Real> level_view<Real>(const Multigrid&, MultigridWorkspace<Real>&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)

@@ -25,8 +25,9 @@ struct Multigrid {
   std::vector<std::int64_t> first_node;  // [levels+1]
   std::vector<std::int64_t> first_cell;  // [levels+1]
   // between the mesh and level 0
-  std::vector<std::int32_t> slot_nodes;  // [8*slots] coarse nodes whose mean a slot follows: 1, 2 or 4 repeated
-  std::vector<float> slot_share;         // [slots] 1 / number of different ones; 0: padding
+  std::vector<std::int32_t>
+      slot_nodes;                 // [8*slots] coarse nodes whose mean a slot follows: 1, 2 or 4 repeated
+  std::vector<float> slot_share;  // [slots] 1 / number of different ones; 0: padding
   std::vector<std::int32_t> node_start, node_slots;  // the slots that follow a coarse node of level 0
   // between levels
   std::vector<std::int32_t> up_start, up_nodes;      // of each coarse node: those of the next level
@@ -41,14 +42,14 @@ struct Multigrid {
   std::int64_t tets_per_cell = 0;
   std::vector<float> tet_weight, cell_weight;  // [tets], [cells] mu V, and its sum over the tetrahedra below
   // the way up from a cell of the mesh
-  std::vector<std::int32_t> parent;                      // [cells of the mesh, then cells]; -1: top level
-  std::vector<std::array<std::int32_t, 8>> cell_nodes;   // [cells]
-  std::vector<Index3> cell_position;                     // [cells]
+  std::vector<std::int32_t> parent;                     // [cells of the mesh, then cells]; -1: top level
+  std::vector<std::array<std::int32_t, 8>> cell_nodes;  // [cells]
+  std::vector<Index3> cell_position;                    // [cells]
 };
 
 // node_weights: [nodes] kg, what the matrix holds of masses and springs on the diagonal of each node.
-// free_node: [nodes]. tears: whether elements may be removed. Empty (no levels) where the mesh is too small for
-// a coarser one. Cost: for each tetrahedron and level 8 small products, once for a scene.
+// free_node: [nodes]. tears: whether elements may be removed. Empty (no levels) where the mesh is too small
+// for a coarser one. Cost: for each tetrahedron and level 8 small products, once for a scene.
 Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements, const Sparsity& sparsity,
                           const StepCoefficients& coefficients, std::span<const double> node_weights,
                           std::span<const std::uint8_t> free_node, bool tears = false);
@@ -56,12 +57,12 @@ Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements
 // What changes at each step, and scratch memory.
 template <class Real>
 struct MultigridWorkspace {
-  AlignedVector<Real> share;      // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
-  AlignedVector<Real> turns;      // [12*cells] columns of the mean rotations, padded to four
-  AlignedVector<Real> added;      // [8*nodes] contacts, as in Multigrid::stiffness
-  AlignedVector<Real> inverse;    // [12*nodes] columns of w D^-1 / share, padded to four
-  AlignedVector<Real> residual;   // [4*nodes of level 0] share * P^T r
-  AlignedVector<Real> correction; // [4*nodes of level 0]
+  AlignedVector<Real> share;       // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
+  AlignedVector<Real> turns;       // [12*cells] columns of the mean rotations, padded to four
+  AlignedVector<Real> added;       // [8*nodes] contacts, as in Multigrid::stiffness
+  AlignedVector<Real> inverse;     // [12*nodes] columns of w D^-1 / share, padded to four
+  AlignedVector<Real> residual;    // [4*nodes of level 0] share * P^T r
+  AlignedVector<Real> correction;  // [4*nodes of level 0]
   // of the higher levels: each thread works through them by itself, which is quicker than to wait
   std::vector<AlignedVector<Real>> upper;  // [threads][8*nodes]: residuals, then corrections
   std::vector<double> sums;                // one a block of 64 nodes of level 0
@@ -85,11 +86,13 @@ void clear_contacts(MultigridWorkspace<Real>& workspace);
 // node there is held is not looked at: that only makes the correction smaller.
 template <class Real>
 void add_contact(const Multigrid& multigrid, const EmbeddingMesh& mesh, std::int32_t tet,
-                 const std::array<double, 4>& weights, const Mat3& block, MultigridWorkspace<Real>& workspace);
+                 const std::array<double, 4>& weights, const Mat3& block,
+                 MultigridWorkspace<Real>& workspace);
 
 // Mean rotations, diagonal blocks and their inverses of all levels; which slots are held follows from the
-// matrix. rotations: [4*tets] of the step. alive: [tets], of a multigrid that tears, or empty (all are); a cell is
-// as stiff as the share of it that is alive, by mu V. Cost: about two iterations of conjugate gradients.
+// matrix. rotations: [4*tets] of the step. alive: [tets], of a multigrid that tears, or empty (all are); a
+// cell is as stiff as the share of it that is alive, by mu V. Cost: about two iterations of conjugate
+// gradients.
 template <class Real>
 void set_up_multigrid(const Multigrid& multigrid, const RowMatrix<Real>& matrix,
                       std::span<const double> rotations, std::span<const std::uint8_t> alive,

@@ -40,6 +40,8 @@ Corner8 corners_around(const LabelMap& map, const Index3& low) {
 
 // Those of the 8 that connect with `start` within the 8, as bits.
 unsigned reach(const Corner8& corners, const SeparationPairs& pairs, int start) {
+  const auto same = [&](std::int32_t label) { return label != 0 && label == corners.label[0]; };
+  if (std::all_of(corners.label, corners.label + 8, same)) return 255;
   unsigned reached = 1U << start, front = reached;
   while (front) {
     const int c = __builtin_ctz(front);
