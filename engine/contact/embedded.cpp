@@ -305,7 +305,7 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
 #pragma omp parallel for num_threads(search.threads) schedule(static, 8)
   for (std::int64_t vertex = 0; vertex < count; ++vertex) {
     Contact& contact = search.found[static_cast<std::size_t>(vertex)];
-    contact = Contact{};
+    contact.depth_m = 0;
     const Vec3& p = vertices_world[static_cast<std::size_t>(vertex)];
 
     // of the tetrahedra that hold p, the one whose copy owns the nearest voxel
@@ -361,6 +361,7 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
     }
     contact.gap = p - surface_world;
     if (!(contact.gap.dot(contact.normal) < 0)) continue;  // folded tissue: already outside
+    contact.slip = Vec3::Zero();
     contact.tool = tool;
     contact.vertex = static_cast<std::int32_t>(vertex);
     contact.arm = p - centre;

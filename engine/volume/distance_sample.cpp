@@ -13,27 +13,32 @@ constexpr int box_limit = 8192;  // voxels searched for a way from `home`, so th
 struct Corner8 {
   Index3 at[8];
   std::int32_t label[8];  // 0 outside the image
+  std::size_t voxel[8];   // number in the map; 0 outside the image
+  bool whole;             // all 8 are in the image
 };
 
-bool inside_image(const LabelMap& map, const Index3& at) {
+bool inside_image(const LabelMap& map, const Index3& at, int beyond = 0) {
   for (int a = 0; a < 3; ++a) {
-    if (at[a] < 0 || at[a] >= map.size[a]) return false;
+    if (at[a] < 0 || at[a] + beyond >= map.size[a]) return false;
   }
   return true;
 }
 
 Index3 voxel_at(const LabelMap& map, std::size_t index) {
-  const auto nx = static_cast<std::size_t>(map.size[0]), ny = static_cast<std::size_t>(map.size[1]);
-  return {static_cast<int>(index % nx), static_cast<int>(index / nx % ny),
-          static_cast<int>(index / (nx * ny))};
+  const auto nx = static_cast<std::uint32_t>(map.size[0]), ny = static_cast<std::uint32_t>(map.size[1]);
+  const auto voxel = static_cast<std::uint32_t>(index), row = voxel / nx, plane = row / ny;
+  return {static_cast<int>(voxel - row * nx), static_cast<int>(row - plane * ny), static_cast<int>(plane)};
 }
 
 Corner8 corners_around(const LabelMap& map, const Index3& low) {
   Corner8 corners;
+  corners.whole = inside_image(map, low, 1);
   for (int c = 0; c < 8; ++c) {
     const Index3 at{low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)};
+    const bool inside = corners.whole || inside_image(map, at);
     corners.at[c] = at;
-    corners.label[c] = inside_image(map, at) ? map.labels[map.index(at[0], at[1], at[2])] : 0;
+    corners.voxel[c] = inside ? map.index(at[0], at[1], at[2]) : 0;
+    corners.label[c] = inside ? map.labels[corners.voxel[c]] : 0;
   }
   return corners;
 }
@@ -157,7 +162,9 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
   DistanceSample sample;
   double slope[3] = {0, 0, 0};  // m a voxel
   for (int c = 0; c < 8; ++c) {
-    const double value = (inside >> c & 1U ? -1.0 : 1.0) * distance_at(map, field, corners.at[c]);
+    const double size = corners.whole ? static_cast<double>(field.distance[corners.voxel[c]])
+                                      : distance_at(map, field, corners.at[c]);
+    const double value = (inside >> c & 1U ? -1.0 : 1.0) * size;
     double weight[3];
     for (int a = 0; a < 3; ++a) weight[a] = c >> a & 1 ? t[a] : 1.0 - t[a];
     sample.distance += weight[0] * weight[1] * weight[2] * value;
