@@ -89,12 +89,11 @@ struct Grid {
   static constexpr int most = 16;  // grid cells along an axis
   Box box;
   Index3 size{1, 1, 1};
+  Vec3 per_m = Vec3::Zero();  // grid cells a metre
 
   int along(int axis, double x) const {
-    const double width = box.high[axis] - box.low[axis];
-    const double place = width > 0 ? (x - box.low[axis]) / width * size[static_cast<std::size_t>(axis)] : 0;
-    return std::clamp(static_cast<int>(std::clamp(place, 0.0, 1e6)), 0,
-                      size[static_cast<std::size_t>(axis)] - 1);
+    const double last = size[static_cast<std::size_t>(axis)] - 1;
+    return static_cast<int>(std::clamp((x - box.low[axis]) * per_m[axis], 0.0, last));
   }
   std::size_t index(int i, int j, int k) const {
     return static_cast<std::size_t>((k * size[1] + j) * size[0] + i);
@@ -106,8 +105,9 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
   Grid grid;
   grid.box = box;
   for (int a = 0; a < 3; ++a) {
-    const double cells = (box.high[a] - box.low[a]) / (0.5 * cell_edge);
+    const double width = box.high[a] - box.low[a], cells = width / (0.5 * cell_edge);
     grid.size[static_cast<std::size_t>(a)] = std::clamp(static_cast<int>(cells) + 1, 1, Grid::most);
+    if (width > 0) grid.per_m[a] = grid.size[static_cast<std::size_t>(a)] / width;
   }
   const auto count = static_cast<std::size_t>(grid.size[0] * grid.size[1] * grid.size[2]);
   search.cell_start.assign(count + 1, 0);

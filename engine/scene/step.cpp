@@ -1,5 +1,7 @@
 #include "engine/scene/step.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -9,6 +11,7 @@
 #include "engine/fem/stress.h"
 #include "engine/numerics/error.h"
 #include "engine/numerics/float_environment.h"
+#include "engine/numerics/team.h"
 #include "engine/scene/contact_system.h"
 #include "engine/scene/energy_ledger.h"
 #include "engine/scene/precision_error.h"
@@ -137,15 +140,19 @@ void report_kinetic_energy(const Scene& scene, const State& state, StepReport& r
   }
 }
 
-// x += h v and the like; returns whether all is finite.
+// x += h v and the like; returns whether all is finite. Each thread moves the nodes that it assembles.
 bool update_tissue(const Scene& scene, const Workspace& workspace, State& state) {
   const double h = scene.settings.step_s;
-  const std::size_t count = state.positions.size();
   bool finite = true;
-  for (std::size_t i = 0; i < count; ++i) {
-    state.velocities[i] += workspace.increments[i];
-    state.positions[i] += h * state.velocities[i];
-    finite = finite && std::isfinite(state.positions[i]);
+#pragma omp parallel num_threads(workspace.threads) reduction(&& : finite)
+  {
+    const Range nodes = share(scene.node_count(), omp_get_thread_num(), workspace.threads);
+    for (auto i = static_cast<std::size_t>(3 * nodes.first); i < static_cast<std::size_t>(3 * nodes.last);
+         ++i) {
+      state.velocities[i] += workspace.increments[i];
+      state.positions[i] += h * state.velocities[i];
+      finite = finite && std::isfinite(state.positions[i]);
+    }
   }
   return finite;
 }

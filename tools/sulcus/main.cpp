@@ -22,7 +22,7 @@ void wait_moderately(char** argv) {
   for (const char* setting : {"OMP_WAIT_POLICY", "GOMP_SPINCOUNT"}) {
     if (std::getenv(setting) != nullptr) return;
   }
-  if (setenv("GOMP_SPINCOUNT", "10000", 1) == 0) execv("/proc/self/exe", argv);
+  if (setenv("GOMP_SPINCOUNT", "30000", 1) == 0) execv("/proc/self/exe", argv);
   // Without it everything works as well, if slower beside others.
 }
 
