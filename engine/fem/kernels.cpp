@@ -105,7 +105,7 @@ SULCUS_INLINE void load_elements(const ElementPass<Real>& pass, std::int64_t fir
   rest.lambda = load<V>(from + 16 * 9);
   rest.mu = load<V>(from + 16 * 10);
   turning.count = pass.count - first < n ? static_cast<int>(pass.count - first) : n;
-  turning.rotations = pass.rotations + 4 * first;
+  turning.rotations = pass.rotations + 4 * (first - pass.rotations_from);
   turning.alive = nullptr;
   if (pass.alive != nullptr) remove_dead<Real>(pass.alive + first, rest.lambda, rest.mu, turning);
   gradients<Real>(pass, pass.nodes + block * 4 * 16 + lane, rest.g, turning.f, y);
@@ -127,7 +127,8 @@ SULCUS_INLINE void answer(const ElementPass<Real>& pass, std::int64_t first, con
     response.lambda *= ahead;
     response.mu *= ahead;
   }
-  store_response<Real>(response, rest.g, pass.records + 16 * first, pass.forces + 12 * first);
+  const std::int64_t place = first - pass.records_from;
+  store_response<Real>(response, rest.g, pass.records + 16 * place, pass.forces + 12 * place);
 }
 
 template <class Real>
@@ -274,8 +275,8 @@ SULCUS_INLINE void load_edge_blocks(const RowPass<Real>& pass, const std::int32_
   }
 }
 
-template <class Real>
-void row_pass(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t last_chunk) {
+template <class Real, bool filled>
+SULCUS_INLINE void make_rows(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t last_chunk) {
   using V = Lanes<Real>;
   for (std::int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
     const std::int32_t* nodes = pass.node_of_slot + 16 * chunk;
@@ -283,7 +284,7 @@ void row_pass(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t 
     load_node_terms<Real>(pass, nodes, diagonal);
     for (std::int64_t entry = pass.chunk_start[chunk]; entry < pass.chunk_start[chunk + 1]; ++entry) {
       Real* values = pass.values + 9 * 16 * entry;
-      load_edge_blocks<Real>(pass, pass.block + 16 * entry, values);
+      if constexpr (!filled) load_edge_blocks<Real>(pass, pass.block + 16 * entry, values);
       for (int k = 0; k < 9 * 16; k += lane_count<Real>) {
         store(diagonal + k, load<V>(diagonal + k) - load<V>(values + k));
       }
@@ -295,6 +296,16 @@ void row_pass(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t 
       for (int k = 0; k < 9; ++k) inverse[16 * k + l] = Real(0);
     }
   }
+}
+
+template <class Real>
+void row_pass(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t last_chunk) {
+  make_rows<Real, false>(pass, first_chunk, last_chunk);
+}
+
+template <class Real>
+void close_rows(const RowPass<Real>& pass, std::int64_t first_chunk, std::int64_t last_chunk) {
+  make_rows<Real, true>(pass, first_chunk, last_chunk);
 }
 
 template <class Real>
@@ -399,7 +410,8 @@ void energy_pass(const EnergyPass& pass, std::int64_t first_block, std::int64_t 
 
 template <class Real>
 FemKernels<Real> table() {
-  return {element_pass<Real>, edge_pass<Real>, row_pass<Real>, force_pass<Real>, energy_pass};
+  return {element_pass<Real>, edge_pass<Real>,  row_pass<Real>,
+          close_rows<Real>,   force_pass<Real>, energy_pass};
 }
 template FemKernels<float> table<float>();
 template FemKernels<double> table<double>();

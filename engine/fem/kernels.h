@@ -28,28 +28,30 @@ struct ElementPass {
   const std::uint8_t* linear = nullptr;  // [elements] 1: plain linear elasticity; nullptr: all are corotated
   const Real* ahead =
       nullptr;  // [elements rounded up to blocks] (h + beta_e) / (h + beta); nullptr: all are 1
-  double* rotations = nullptr;  // [4*elements] in: warm start, out: rotation of x
-  Real* records = nullptr;      // [16*elements rounded up to blocks] sqrt(V mu) h_a | lambda / mu, a = 0..3
-  Real* forces = nullptr;       // [12*... + 4] elastic force (N) on corners 0..3
+  // In the arrays below element e stands at place e - rotations_from, and e - records_from.
+  std::int64_t rotations_from = 0, records_from = 0;
+  double* rotations = nullptr;  // [4*places] in: warm start, out: rotation of x
+  Real* records = nullptr;      // [16*places] sqrt(V mu) h_a | lambda / mu, a = 0..3
+  Real* forces = nullptr;       // [12*places + 4] elastic force (N) on corners 0..3
 };
 
 template <class Real>
 struct EdgePass {
-  const std::int32_t* lane_edges = nullptr;  // Sparsity::lane_*
-  const std::int32_t* lane_start = nullptr;
+  const std::int32_t* lane_edges = nullptr;  // AssemblyPlan::lane_*
+  const std::int32_t* lane_start = nullptr;  // Sparsity::lane_start
   const std::int32_t* lane_items = nullptr;
   const Real* records = nullptr;  // and 16 zeros behind the last
   Real scale = 0;                 // beta h + h^2
   Real* blocks =
-      nullptr;  // [12*edges + 12] block (a, b) of scale * K, row major, rows padded to 4; last: scratch
+      nullptr;  // [12*places + 12] block (a, b) of scale * K, row major, rows padded to 4; last: scratch
 };
 
 template <class Real>
 struct RowPass {
   const std::int32_t* node_of_slot = nullptr;
   const std::int32_t* chunk_start = nullptr;
-  const std::int32_t* block = nullptr;
-  const Real* blocks = nullptr;
+  const std::int32_t* block = nullptr;  // AssemblyPlan::block
+  const Real* blocks = nullptr;         // EdgePass::blocks
   const Real* node_terms = nullptr;  // [16*nodes] added to the diagonal block (9, row major, last 7 unused)
   const std::uint8_t* free_node = nullptr;  // [nodes] 1: moves, 0: held
   Real* values = nullptr;                   // [entries*9*16] planes of 16 lanes
@@ -60,9 +62,9 @@ struct RowPass {
 template <class Real>
 struct ForcePass {
   const std::int32_t* incident_start = nullptr;  // ElementData::incident*
-  const std::int32_t* incident = nullptr;
-  const Real* forces = nullptr;   // ElementPass::forces
-  double* node_forces = nullptr;  // [3*nodes] sum over the node's elements, in their order
+  const std::int32_t* incident = nullptr;        // AssemblyPlan::incident
+  const Real* forces = nullptr;                  // ElementPass::forces
+  double* node_forces = nullptr;                 // [3*nodes] sum over the node's elements, in their order
 };
 
 // Elastic energy, in double precision whatever the matrix has (engine/fem/stress.h).
@@ -81,7 +83,10 @@ template <class Real>
 struct FemKernels {
   void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
   void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_window, std::int64_t last_window) = nullptr;
+  // Values of the rows from the blocks of their edges, and what close_rows does.
   void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
+  // Diagonal blocks, node_terms minus the sum of the row's values, and their inverses.
+  void (*close_rows)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
   void (*force_pass)(const ForcePass<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
   void (*energy_pass)(const EnergyPass&, std::int64_t first_block, std::int64_t last_block) = nullptr;
 };

@@ -43,9 +43,9 @@ struct TwoMaterials {
     auto system = make_system_matrix<Real>(elements, sparsity, isa, 2);
     Result result{std::vector<double>(positions.size()), rotations, {}};
     assemble_elements<Real>(elements, sparsity, {step_s, damping}, mesh.rest_positions, positions, velocities,
-                            {}, result.rotations, system);
-    elastic_forces<Real>(elements, system, result.forces);
-    finish_rows<Real>(sparsity, std::vector<std::uint8_t>(mesh.rest_positions.size(), 1), system);
+                            {}, std::vector<std::uint8_t>(mesh.rest_positions.size(), 1), result.rotations,
+                            system);
+    result.forces = system.node_forces;
     if constexpr (sizeof(Real) == 8) {
       const auto n = static_cast<Eigen::Index>(positions.size());
       result.matrix = Eigen::MatrixXd::Zero(n, n);

@@ -121,6 +121,7 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
     }
   }
 
+  s.place_of_block.resize(2 * s.edges.size());
   s.chunk_start.push_back(0);
   for (std::int64_t chunk = 0; chunk < s.chunks; ++chunk) {
     std::int32_t longest = 0;
@@ -138,6 +139,9 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
         // padding reads its own slot and multiplies it by zero
         s.column.push_back(present ? s.slot_of_node[static_cast<std::size_t>(neighbour.node)]
                                    : static_cast<std::int32_t>(chunk * rows + l));
+        if (present)
+          s.place_of_block[static_cast<std::size_t>(neighbour.block)] =
+              static_cast<std::int32_t>(s.block.size());
         s.block.push_back(neighbour.block);
       }
     }

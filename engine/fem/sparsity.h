@@ -42,6 +42,9 @@ struct Sparsity {
   std::vector<std::int32_t> chunk_start;  // [chunks+1] in columns of 16 entries
   std::vector<std::int32_t> column;       // [entries] slot of the neighbour
   std::vector<std::int32_t> block;        // [entries] edge*2 + (1: transposed); -1: padding
+  // Where block b = edge*2 + (1: transposed) stands: [2*edges] entry*16 + lane; its number (i, j) is
+  // values[9*16*entry + 16*(3*i + j) + lane].
+  std::vector<std::int32_t> place_of_block;
 };
 
 Sparsity build_sparsity(const EmbeddingMesh& mesh);

@@ -61,7 +61,7 @@ void add_geometric_stiffness(const ElementData& elements, const Sparsity& sparsi
       const auto node_a = elements.nodes[static_cast<std::size_t>(
           (e / lanes * 4 + static_cast<std::int64_t>(a)) * lanes + e % lanes)];
       if (sparsity.edges[static_cast<std::size_t>(edge)][0] != node_a) block.transposeInPlace();
-      add_edge_block(system, edge, block);
+      add_edge_block(sparsity, edge, block, system);
     }
   }
 }

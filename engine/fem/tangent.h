@@ -7,9 +7,9 @@
 
 namespace sulcus {
 
-// Adds scale * (Hessian - warped stiffness) to the edge blocks, after assemble_elements at the same positions
-// and with the rotations that it left. For an element with F = R S, stress T = 2 mu (S - I) + lambda tr(S -
-// I) I and gradients g_a of the shape functions the block of corners a, b is
+// Adds scale * (Hessian - warped stiffness) to the matrix, before close_rows and after assemble_elements at
+// the same positions and with the rotations that it left. For an element with F = R S, stress T = 2 mu (S -
+// I) + lambda tr(S - I) I and gradients g_a of the shape functions the block of corners a, b is
 //   V/2 R [g_a]x^T C [g_b]x R^T,  C = (tr(T) I - T) (tr(S) I - S)^-1.
 // Elements without such a C (inverted or nearly flat) and those of Law::linear get nothing. Cost: one pass
 // over the elements, one thread; about ten times that of assemble_elements.

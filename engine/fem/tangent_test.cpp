@@ -19,7 +19,7 @@ Eigen::MatrixXd tangent(Body& body, bool with_geometric) {
   }
   std::fill(system.node_terms.begin(), system.node_terms.end(), 0.0);  // no mass
   const std::vector<std::uint8_t> free_node(body.mesh.rest_positions.size(), 1);
-  finish_rows<double>(body.sparsity, free_node, system);
+  close_rows<double>(body.sparsity, free_node, system);
   return dense(body, system);
 }
 

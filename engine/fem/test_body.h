@@ -43,20 +43,14 @@ struct Body {
   template <class Real>
   SystemMatrix<Real> assemble(StepCoefficients coefficients, Isa isa = widest_isa(), int threads = 1) {
     auto system = make_system_matrix<Real>(elements, sparsity, isa, threads);
-    assemble_elements<Real>(elements, sparsity, coefficients, mesh.rest_positions, positions, velocities, {},
-                            rotations, system);
     const std::vector<std::uint8_t> free_node(mesh.rest_positions.size(), 1);
-    finish_rows<Real>(sparsity, free_node, system);
+    assemble_elements<Real>(elements, sparsity, coefficients, mesh.rest_positions, positions, velocities, {},
+                            free_node, rotations, system);
     return system;
   }
 
   // Elastic force at the present positions: the part of the step that looks ahead is switched off by v = 0.
-  std::vector<double> force() {
-    auto system = assemble<double>({0.01, {}});
-    std::vector<double> forces(positions.size());
-    elastic_forces<double>(elements, system, forces);
-    return forces;
-  }
+  std::vector<double> force() { return assemble<double>({0.01, {}}).node_forces; }
 
   double energy() {
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) {

@@ -39,22 +39,24 @@ double full_friction(const ContactLaw& law, const Contact& contact) {
   return law.friction * std::fmax(-law.stiffness_N_m * contact.gap.dot(contact.normal), 0.0);
 }
 
-// Calls visit(numbers, their saved copy) for all that the tissue's part holds at a contact's nodes and edges.
+// Calls visit(number, its saved copy) for all that the tissue's part holds at a contact's nodes and edges.
 template <class Real, class Visit>
 void for_each_saved(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace, std::size_t contact,
                     Visit&& visit) {
+  const auto visit_all = [&](auto* now, auto* saved, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) visit(now[i], saved[i]);
+  };
   const auto tet = static_cast<std::size_t>(numbers.saved_tets[contact]);
-  for (std::size_t k = 0; k < 6; ++k) {
-    const auto edge = static_cast<std::size_t>(scene.sparsity.tet_edges[6 * tet + k]);
-    visit(std::span(&numbers.system.blocks[12 * edge], 12),
-          std::span(&numbers.saved_blocks[12 * (6 * contact + k)], 12));
+  for (std::size_t k = 0; k < 12; ++k) {
+    const auto block = 2 * static_cast<std::size_t>(scene.sparsity.tet_edges[6 * tet + k / 2]) + k % 2;
+    const auto place = static_cast<std::size_t>(scene.sparsity.place_of_block[block]);
+    Real* now = &numbers.system.values[place / 16 * 144 + place % 16];
+    for (std::size_t i = 0; i < 9; ++i) visit(now[16 * i], numbers.saved_blocks[9 * (12 * contact + k) + i]);
   }
   for (std::size_t c = 0; c < 4; ++c) {
     const auto node = static_cast<std::size_t>(scene.mesh.tets[tet][c]);
-    visit(std::span(&numbers.system.node_terms[16 * node], 9),
-          std::span(&numbers.saved_terms[9 * (4 * contact + c)], 9));
-    visit(std::span(&workspace.forces[3 * node], 3),
-          std::span(&numbers.saved_forces[3 * (4 * contact + c)], 3));
+    visit_all(&numbers.system.node_terms[16 * node], &numbers.saved_terms[9 * (4 * contact + c)], 9);
+    visit_all(&workspace.forces[3 * node], &numbers.saved_forces[3 * (4 * contact + c)], 3);
   }
 }
 
@@ -135,8 +137,8 @@ void add_contact(const Scene& scene, const State& state, const Contact& contact,
     const double scale = weight * contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
                          contact.weights[static_cast<std::size_t>(corner_pairs[k][1])];
     if (scale != 0) {
-      add_edge_block(numbers.system, scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k],
-                     scale * response.matrix);
+      add_edge_block(scene.sparsity, scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k],
+                     scale * response.matrix, numbers.system);
     }
   }
 }
@@ -185,12 +187,11 @@ void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspac
   const std::size_t count = workspace.contacts.size();
   numbers.saved_tets.clear();
   for (const Contact& contact : workspace.contacts) numbers.saved_tets.push_back(contact.tet);
-  numbers.saved_blocks.resize(72 * count);
+  numbers.saved_blocks.resize(108 * count);
   numbers.saved_terms.resize(36 * count);
   numbers.saved_forces.resize(12 * count);
   for (std::size_t c = 0; c < count; ++c) {
-    for_each_saved(scene, numbers, workspace, c,
-                   [](auto now, auto saved) { std::copy(now.begin(), now.end(), saved.begin()); });
+    for_each_saved(scene, numbers, workspace, c, [](auto now, auto& saved) { saved = now; });
   }
 }
 
@@ -198,8 +199,7 @@ void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspac
 template <class Real>
 void restore_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspace) {
   for (std::size_t c = numbers.saved_tets.size(); c-- > 0;) {
-    for_each_saved(scene, numbers, workspace, c,
-                   [](auto now, auto saved) { std::copy(saved.begin(), saved.end(), now.begin()); });
+    for_each_saved(scene, numbers, workspace, c, [](auto& now, auto saved) { now = saved; });
   }
 }
 

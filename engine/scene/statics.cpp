@@ -56,8 +56,8 @@ struct Problem {
   void evaluate() {
     const std::vector<double> rest_velocity(state.positions.size(), 0.0);
     assemble_elements<double>(elements, scene.sparsity, {1, {}}, scene.mesh.rest_positions, state.positions,
-                              rest_velocity, present(scene, state), state.rotations, system);
-    elastic_forces<double>(elements, system, forces);
+                              rest_velocity, present(scene, state), free_node(), state.rotations, system);
+    forces = system.node_forces;
     std::fill(system.node_terms.begin(), system.node_terms.end(), 0.0);  // no mass
     elastic =
         elastic_energy(elements, state.positions, state.rotations, present(scene, state), system.threads);
@@ -121,7 +121,7 @@ struct Problem {
   }
 
   void finish_matrix() {
-    finish_rows<double>(scene.sparsity, free_node(), system);
+    close_rows<double>(scene.sparsity, free_node(), system);
     if (!scene.keeps.empty()) keep_in_planes(scene, system);
   }
 

@@ -59,15 +59,18 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
   tool.right_hand_side -= tool.matrix * tool.velocity;
 }
 
+std::span<const std::uint8_t> free_nodes(const Scene& scene, const Workspace& workspace) {
+  return scene.fracture ? std::span<const std::uint8_t>(workspace.view.free_node) : scene.free_node;
+}
+
 // Matrix of the tissue without contacts; workspace.forces becomes its right-hand side, impulses [N s].
 template <class Real>
 void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, Workspace& workspace) {
   const double h = scene.settings.step_s;
   const StepCoefficients coefficients{h, scene.settings.damping};
   assemble_elements<Real>(scene.elements, scene.sparsity, coefficients, scene.mesh.rest_positions,
-                          state.positions, state.velocities, present(scene, state), state.rotations,
-                          numbers.system);
-  elastic_forces<Real>(scene.elements, numbers.system, workspace.forces);
+                          state.positions, state.velocities, present(scene, state),
+                          free_nodes(scene, workspace), state.rotations, numbers.system);
   const double alpha = scene.settings.damping.alpha_1_s;
   const Vec3& gravity = scene.settings.gravity;
   const std::int64_t count = scene.node_count();
@@ -80,7 +83,7 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
     for (std::size_t d = 0; d < 3; ++d) {
       workspace.forces[3 * n + d] =
           h * (mass * (gravity[static_cast<Eigen::Index>(d)] - own_alpha * state.velocities[3 * n + d]) -
-               workspace.forces[3 * n + d]);
+               numbers.system.node_forces[3 * n + d]);
     }
   }
   for (const NodeForce& load : scene.settings.forces) {
@@ -99,6 +102,21 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
       numbers.system.node_terms[16 * n + 4 * d] += static_cast<Real>(weight);
     }
   }
+}
+
+// Chunks of the rows that springs, contacts and leading tools change beside the tissue: what a repeated solve
+// closes anew.
+void list_touched(const Scene& scene, const Workspace& workspace, std::vector<std::int32_t>& chunks) {
+  chunks.clear();
+  const auto touch = [&](std::int32_t node) {
+    chunks.push_back(scene.sparsity.slot_of_node[static_cast<std::size_t>(node)] / Sparsity::chunk_rows);
+  };
+  for (const NodeSpring& spring : scene.settings.springs) touch(spring.node);
+  for (const Contact& contact : workspace.contacts)
+    std::ranges::for_each(scene.mesh.tets[static_cast<std::size_t>(contact.tet)], touch);
+  for (const LedNode& led : workspace.led) touch(led.node);
+  std::sort(chunks.begin(), chunks.end());
+  chunks.erase(std::unique(chunks.begin(), chunks.end()), chunks.end());
 }
 
 // The increments that bring the nodes on paths to where they shall be at the end of the step.
@@ -263,10 +281,12 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
     numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
     const std::size_t contacts = most_contacts(scene);
     numbers->saved_tets.reserve(contacts);
-    numbers->saved_blocks.reserve(72 * contacts);
+    numbers->saved_blocks.reserve(108 * contacts);
     numbers->saved_terms.reserve(36 * contacts);
     numbers->saved_forces.reserve(12 * contacts);
   }
+  numbers->touched_chunks.reserve(scene.settings.springs.size() + 4 * most_contacts(scene) +
+                                  (scene.settings.contact.prescribed ? scene.mesh.rest_positions.size() : 0));
   if (refined) numbers->refinement = make_refinement(scene.sparsity, isa, threads);
   if (scene.multigrid && refined) {
     use_multigrid(*scene.multigrid, scene.sparsity.chunks, numbers->refinement->solver);
@@ -380,8 +400,8 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
   for (std::size_t t = 0; t < workspace.tools.size(); ++t)
     assemble_tool(scene, samples[t], state, t, workspace);
   assemble_contacts(scene, state, numbers, workspace);
-  finish_rows<Real>(scene.sparsity, scene.fracture ? workspace.view.free_node : scene.free_node,
-                    numbers.system);
+  if (!again) list_touched(scene, workspace, numbers.touched_chunks);
+  close_rows<Real>(scene.sparsity, free_nodes(scene, workspace), numbers.touched_chunks, numbers.system);
   if (!scene.keeps.empty()) keep_in_planes(scene, numbers.system);
   if (scene.settings.contact.prescribed) {
     std::fill(numbers.solver.prescribed.begin(), numbers.solver.prescribed.end(), Real(0));

@@ -26,10 +26,11 @@ struct Numbers {
       refinement;  // in double precision, where single is asked and too little by itself
   std::vector<ToolBorder<Real>> borders;  // [tools]
   // What the tissue's part holds where contacts will be added, so that a repeated solve need not assemble the
-  // tissue again. Four nodes and six edges a contact.
-  std::vector<Real> saved_blocks, saved_terms;  // [6*12*contacts], [4*9*contacts]
+  // tissue again. Four nodes and six edges, twelve blocks, a contact.
+  std::vector<Real> saved_blocks, saved_terms;  // [12*9*contacts], [4*9*contacts]
   std::vector<double> saved_forces;             // [4*3*contacts] N s
   std::vector<std::int32_t> saved_tets;         // [contacts]
+  std::vector<std::int32_t> touched_chunks;     // of rows that hold more than tissue, ascending
 };
 
 // The 6x6 part of the step's system that belongs to one tool (equations.md 4), and its right-hand side.
@@ -116,7 +117,7 @@ SolveResult go_on_solving(const Scene& scene, const State& state, Numbers<Real>&
                           Workspace& workspace, StageObserver* observer, const Effort& effort);
 
 // Lets nodes slide: along the axes that they keep, the inverse of their diagonal block is zero, so the solver
-// never moves them there; the rest of the block is inverted by itself. After finish_rows.
+// never moves them there; the rest of the block is inverted by itself. After close_rows.
 template <class Real>
 void keep_in_planes(const Scene& scene, SystemMatrix<Real>& system);
 

@@ -86,8 +86,7 @@ struct ByHand {
     const double h = scene.settings.step_s;
     assemble_elements<float>(scene.elements, scene.sparsity, {h, scene.settings.damping},
                              scene.mesh.rest_positions, state.positions, state.velocities, {},
-                             state.rotations, system);
-    elastic_forces<float>(scene.elements, system, forces);
+                             scene.free_node, state.rotations, system);
     const Vec3& gravity = scene.settings.gravity;
     const std::size_t nodes = scene.mesh.rest_positions.size();
     for (std::size_t n = 0; n < nodes; ++n) {
@@ -95,9 +94,8 @@ struct ByHand {
       for (std::size_t d = 0; d < 3; ++d)
         forces[3 * n + d] = h * (mass * (gravity[static_cast<Eigen::Index>(d)] -
                                          scene.settings.damping.alpha_1_s * state.velocities[3 * n + d]) -
-                                 forces[3 * n + d]);
+                                 system.node_forces[3 * n + d]);
     }
-    finish_rows<float>(scene.sparsity, scene.free_node, system);
     const std::int64_t slots = scene.sparsity.chunks * 16;
     const auto for_entries = [&](auto&& visit) {
       for (std::int64_t slot = 0; slot < slots; ++slot) {

@@ -138,7 +138,7 @@ TEST(DirectSolver, NamesANodeOfABodyThatNothingHolds) {
   std::fill(body.free_node.begin(), body.free_node.end(), std::uint8_t{1});
   BodySystem<double> s(body);
   std::fill(s.system.node_terms.begin(), s.system.node_terms.end(), 0.0);
-  finish_rows<double>(body.sparsity, body.free_node, s.system);
+  close_rows<double>(body.sparsity, body.free_node, s.system);
   DirectSolver solver(body.sparsity);
   const std::int32_t node = solver.factor(s.matrix());
   EXPECT_GE(node, 0);
@@ -150,7 +150,7 @@ TEST(DirectSolver, NamesTheNodeOfANegativeDiagonal) {
   BodySystem<double> s(body);
   const std::size_t bad = body.free_node.size() - 1;
   s.system.node_terms[16 * bad] = -10;
-  finish_rows<double>(body.sparsity, body.free_node, s.system);
+  close_rows<double>(body.sparsity, body.free_node, s.system);
   DirectSolver solver(body.sparsity);
   EXPECT_GE(solver.factor(s.matrix()), 0);
   // and the same solver goes on with a sound matrix

@@ -37,10 +37,9 @@ struct Problem {
     std::vector<double> positions = flat_positions(mesh), velocities(positions.size(), 0.0);
     std::vector<double> rotations(4 * mesh.tets.size(), 0.0);
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) rotations[4 * t] = 1;
-    assemble_elements<Real>(elements, sparsity, {0.02, {0, 0.1}}, mesh.rest_positions, positions, velocities,
-                            {}, rotations, system);
     for (const Vec3& x : mesh.rest_positions) free_node.push_back(x[2] > 1e-6);
-    finish_rows<Real>(sparsity, free_node, system);
+    assemble_elements<Real>(elements, sparsity, {0.02, {0, 0.1}}, mesh.rest_positions, positions, velocities,
+                            {}, free_node, rotations, system);
     matrix = {sparsity.chunks,      sparsity.chunk_start.data(), sparsity.column.data(),
               system.values.data(), system.diagonal.data(),      system.inverse.data()};
     workspace = make_solver_workspace<Real>(sparsity, isa, threads);

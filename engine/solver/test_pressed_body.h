@@ -169,11 +169,10 @@ struct BodySystem {
         forces(of.positions.size()) {
     for (std::size_t t = 0; t < of.mesh.tets.size(); ++t) rotations[4 * t] = 1;
     assemble_elements<Real>(body.elements, body.sparsity, body.step, body.mesh.rest_positions, body.positions,
-                            body.velocities, {}, rotations, system);
-    elastic_forces<Real>(body.elements, system, forces);
-    for (double& f : forces) f *= -body.step.step_s;
+                            body.velocities, {}, body.free_node, rotations, system);
+    for (std::size_t i = 0; i < forces.size(); ++i) forces[i] = -body.step.step_s * system.node_forces[i];
     if (!body.contacts.empty()) add_tool();
-    finish_rows<Real>(body.sparsity, body.free_node, system);
+    close_rows<Real>(body.sparsity, body.free_node, system);
     for (std::size_t n = 0; n < body.free_node.size(); ++n) {
       for (std::size_t d = 0; d < 3; ++d) solver.b[entry(n, d)] = static_cast<Real>(forces[3 * n + d]);
     }
@@ -183,9 +182,7 @@ struct BodySystem {
   // times.
   void assemble() {
     assemble_elements<Real>(body.elements, body.sparsity, body.step, body.mesh.rest_positions, body.positions,
-                            body.velocities, {}, rotations, system);
-    elastic_forces<Real>(body.elements, system, forces);
-    finish_rows<Real>(body.sparsity, body.free_node, system);
+                            body.velocities, {}, body.free_node, rotations, system);
   }
 
   RowMatrix<Real> matrix() const {
@@ -241,8 +238,9 @@ struct BodySystem {
       for (std::size_t k = 0; k < 6; ++k) {
         const double scale = weight * contact.weights[pairs[k][0]] * contact.weights[pairs[k][1]];
         if (scale != 0) {
-          add_edge_block(system, body.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k],
-                         scale * n);
+          add_edge_block(body.sparsity,
+                         body.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k], scale * n,
+                         system);
         }
       }
     }

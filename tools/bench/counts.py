@@ -23,7 +23,7 @@ SCENARIOS = {
 }
 # Functions of the engine, with all that they call. "" counts the whole step or scene.
 FUNCTIONS = ["make_scene", "build_embedding", "build_distance_field", "step", "find_contacts", "assemble_elements",
-             "elastic_forces", "finish_rows", "assemble_contacts", "set_up_levels", "conjugate_gradients", "multiply",
+             "close_rows", "assemble_contacts", "set_up_levels", "conjugate_gradients", "multiply",
              "advance", "elastic_energy", "tear"]
 NAME = re.compile(r"^\s*([\d,]+) \(\s*[\d.]+%\)\s+\S*?:(?:.*? )??sulcus::(?:isa_\w+::)?(?:\(anonymous namespace\)::)?"
                   r"(\w+)(?:<\w+>)?\(")

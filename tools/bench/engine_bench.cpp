@@ -173,21 +173,11 @@ void assembly(benchmark::State& state, const PressedBody& body, int threads) {
   measure(state, threads, assembly_demand<Real>(body), [&] { c.assemble(); });
 }
 
-// One part of the assembly.
-enum class Part { elements, forces, rows };
+// What a repeated solve does anew, of all rows.
 template <class Real>
-void assembly_part(benchmark::State& state, const PressedBody& body, int threads, Part part) {
+void closing(benchmark::State& state, const PressedBody& body, int threads) {
   BodySystem<Real> c(body, threads);
-  measure(state, threads, {}, [&] {
-    if (part == Part::elements) {
-      assemble_elements<Real>(body.elements, body.sparsity, body.step, body.mesh.rest_positions,
-                              body.positions, body.velocities, {}, c.rotations, c.system);
-    } else if (part == Part::forces) {
-      elastic_forces<Real>(body.elements, c.system, c.forces);
-    } else {
-      finish_rows<Real>(body.sparsity, body.free_node, c.system);
-    }
-  });
+  measure(state, threads, {}, [&] { close_rows<Real>(body.sparsity, body.free_node, c.system); });
 }
 
 // Every thread does `work(first_block, last_block)` `rounds` times, as the solver does; the barrier is part
@@ -346,14 +336,8 @@ void add_kernels(LazyBody& lazy, const std::string& precision) {
   for (int threads : {1, 2}) {
     add("assembly<" + precision + ">", lazy, threads,
         [threads](State& s, const PressedBody& body) { assembly<Real>(s, body, threads); });
-    const std::pair<const char*, Part> parts[] = {
-        {"elements_and_edges", Part::elements}, {"forces", Part::forces}, {"rows_and_inverses", Part::rows}};
-    for (const auto& [name, part] : parts) {
-      add(std::string(name) + "<" + precision + ">", lazy, threads,
-          [threads, part = part](State& s, const PressedBody& body) {
-            assembly_part<Real>(s, body, threads, part);
-          });
-    }
+    add("closing<" + precision + ">", lazy, threads,
+        [threads](State& s, const PressedBody& body) { closing<Real>(s, body, threads); });
     add("product<" + precision + ">", lazy, threads,
         [threads](State& s, const PressedBody& body) { product<Real>(s, body, threads); });
     add("iteration<" + precision + ">", lazy, threads,

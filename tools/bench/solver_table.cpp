@@ -99,16 +99,21 @@ struct KrylovMethod : Method {
     const auto& solver = system.solver;
     std::size_t numbers = 0;
     for (const auto* part :
-         {&matrix.node_fields, &matrix.records, &matrix.forces, &matrix.ahead, &matrix.blocks,
-          &matrix.node_terms, &matrix.values, &matrix.diagonal, &matrix.inverse, &solver.b, &solver.x,
-          &solver.r, &solver.z, &solver.p, &solver.q, &solver.packed})
+         {&matrix.node_fields, &matrix.ahead, &matrix.node_terms, &matrix.values, &matrix.diagonal,
+          &matrix.inverse, &solver.b, &solver.x, &solver.r, &solver.z, &solver.p, &solver.q, &solver.packed})
       numbers += part->size();
+    for (const auto& rings : matrix.rings)
+      numbers += rings.records.size() + rings.forces.size() + rings.blocks.size();
     const ElementData& elements = system.body.elements;
     const Sparsity& sparsity = system.body.sparsity;
     const std::size_t rest =
         sizeof(Real) == 4 ? 4 * elements.rest_single.size() : 8 * elements.rest_double.size();
-    const std::size_t lists = sparsity.edge_items.size() + sparsity.column.size() + sparsity.block.size() +
-                              elements.nodes.size() + elements.incident.size();
+    const AssemblyPlan& plan = matrix.plan;
+    const std::size_t lists = sparsity.edge_items.size() + sparsity.lane_items.size() +
+                              sparsity.column.size() + sparsity.block.size() +
+                              sparsity.place_of_block.size() + elements.nodes.size() +
+                              elements.incident.size() + plan.lane_items.size() + plan.lane_edges.size() +
+                              plan.block.size() + plan.incident.size();
     return static_cast<double>(numbers * sizeof(Real) + rest + 4 * lists + 8 * system.rotations.size());
   }
 };
