@@ -28,6 +28,29 @@ SolverKernels<Real> solver_kernels(Isa isa) {
                       isa_avx512::solver_table<Real>)();
 }
 
+namespace {
+
+// Shares the blocks out by what a product with their rows costs; a row's vectors cost as much as five
+// entries.
+std::vector<std::int64_t> share_blocks(const Sparsity& sparsity, std::int64_t blocks, int threads) {
+  const auto cost = [&](std::int64_t chunk) {
+    return 5 * chunk + sparsity.chunk_start[static_cast<std::size_t>(chunk)];
+  };
+  std::vector<std::int64_t> first(1, 0);
+  for (int thread = 1; thread < threads; ++thread) {
+    const std::int64_t goal = cost(sparsity.chunks) * thread / threads;
+    std::int64_t block = first.back();
+    while (block < blocks && 2 * goal > cost(block * chunks_per_block) +
+                                            cost(std::min((block + 1) * chunks_per_block, sparsity.chunks)))
+      ++block;
+    first.push_back(block);
+  }
+  first.push_back(blocks);
+  return first;
+}
+
+}  // namespace
+
 template <class Real>
 SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, int threads) {
   SolverWorkspace<Real> workspace;
@@ -39,6 +62,7 @@ SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, i
   const auto blocks = static_cast<std::size_t>((sparsity.chunks + chunks_per_block - 1) / chunks_per_block);
   workspace.pq.assign(blocks, 0.0);
   workspace.rz.assign(blocks, 0.0);
+  workspace.first_block = share_blocks(sparsity, static_cast<std::int64_t>(blocks), threads);
   workspace.kernels = solver_kernels<Real>(isa);
   workspace.threads = threads;
   return workspace;
@@ -52,6 +76,12 @@ void use_multigrid(const Multigrid& multigrid, std::int64_t chunks, SolverWorksp
 }
 
 namespace {
+
+template <class Real>
+Range own_blocks(const SolverWorkspace<Real>& workspace, int thread) {
+  const auto t = static_cast<std::size_t>(thread);
+  return {workspace.first_block[t], workspace.first_block[t + 1]};
+}
 
 double ordered_sum(const std::vector<double>& sums) {
   double sum = 0;
@@ -111,7 +141,6 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
                                 SolverWorkspace<Real>& workspace) {
   SolveResult result;
   const auto& kernels = workspace.kernels;
-  const auto blocks = static_cast<std::int64_t>(workspace.rz.size());
   Real* x = workspace.x.data();
   Real* r = workspace.r.data();
   Real* z = workspace.z.data();
@@ -128,7 +157,7 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
   {
     const int thread = omp_get_thread_num();
     const Range own_sums = share(sums, thread, workspace.threads);
-    const Range own = share(blocks, thread, workspace.threads);
+    const Range own = own_blocks(workspace, thread);
     const Range own_chunks{own.first * chunks_per_block, own.last * chunks_per_block};
     const std::int64_t first = own_chunks.first * 48;
     const std::int64_t last = std::min(own_chunks.last, matrix.chunks) * 48;
@@ -227,11 +256,10 @@ template <class Real>
 void find_residual(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
                    SolverWorkspace<Real>& workspace) {
   const auto& kernels = workspace.kernels;
-  const auto blocks = static_cast<std::int64_t>(workspace.rz.size());
   SpinBarrier barrier(workspace.threads);
 #pragma omp parallel num_threads(workspace.threads)
   {
-    const Range own = share(blocks, omp_get_thread_num(), workspace.threads);
+    const Range own = own_blocks(workspace, omp_get_thread_num());
     const Range own_chunks{own.first * chunks_per_block,
                            std::min(own.last * chunks_per_block, matrix.chunks)};
     Real *p = workspace.p.data(), *q = workspace.q.data();

@@ -64,6 +64,7 @@ struct SolverWorkspace {
   std::vector<double> pq, rz;  // one sum a block
   SolverKernels<Real> kernels;
   int threads = 1;
+  std::vector<std::int64_t> first_block;  // [threads+1] of each thread, so that all have as much to multiply
   // The preconditioner is the multigrid if it has levels (then `levels` must be set up for the matrix), else
   // the inverse diagonal blocks.
   const Multigrid* multigrid = nullptr;

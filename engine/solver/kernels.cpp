@@ -200,8 +200,7 @@ void pack_residual(const RowMatrix<Real>& a, const LevelView<Real>& levels, cons
     for (int l = 0; l < rows; l += 4) {
       const std::int64_t at = chunk * 3 * rows + l;
       F d[4] = {};
-      for (int i = 0; i < 3; ++i)
-        d[i] = load<F>(levels.share + at + i * rows) * load<F>(r + at + i * rows);
+      for (int i = 0; i < 3; ++i) d[i] = load<F>(levels.share + at + i * rows) * load<F>(r + at + i * rows);
       transpose_groups(d[0], d[1], d[2], d[3]);
       for (int k = 0; k < 4; ++k) store(packed + 4 * (chunk * rows + l + k), d[k]);
     }
@@ -226,8 +225,8 @@ SULCUS_INLINE Four<Real> corrected(const LevelView<Real>& levels, std::int64_t n
   const Real* inverse = levels.inverse + 12 * node;
   const F own = load<F>(inverse) * residual[0] + load<F>(inverse + 4) * residual[1] +
                 load<F>(inverse + 8) * residual[2];
-  return own + levels.up_share[node] * sum_listed(above, levels.up_nodes, levels.up_start[node],
-                                                   levels.up_start[node + 1]);
+  return own + levels.up_share[node] *
+                   sum_listed(above, levels.up_nodes, levels.up_start[node], levels.up_start[node + 1]);
 }
 
 template <class Real>
@@ -252,7 +251,7 @@ void correct(const LevelView<Real>& levels, const Real* upper, std::int64_t firs
   const Real* above = upper + 4 * levels.first_node[levels.levels];
   for (std::int64_t block = first_block; block < last_block; ++block) {
     const std::int64_t end = (block + 1) * nodes_per_sum < levels.first_node[1] ? (block + 1) * nodes_per_sum
-                                                                              : levels.first_node[1];
+                                                                                : levels.first_node[1];
     F sum{};
     for (std::int64_t node = block * nodes_per_sum; node < end; ++node) {
       const Real* residual = levels.residual + 4 * node;
@@ -323,9 +322,8 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
 
 template <class Real>
 SolverKernels<Real> solver_table() {
-  return {multiply<Real>,       advance<Real>, direct<Real>,  pack_residual<Real>,
-          restrict_slots<Real>, climb<Real>,   correct<Real>, direct_corrected<Real>,
-          level_blocks<Real>};
+  return {multiply<Real>, advance<Real>, direct<Real>,           pack_residual<Real>, restrict_slots<Real>,
+          climb<Real>,    correct<Real>, direct_corrected<Real>, level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

@@ -20,7 +20,7 @@ struct RowMatrix {
   const Real* inverse = nullptr;
 };
 
-inline constexpr std::int64_t chunks_per_block = 16;
+inline constexpr std::int64_t chunks_per_block = 8;
 
 // What the kernels see of a multigrid (multigrid.h) and of its workspace.
 template <class Real>

@@ -187,7 +187,8 @@ void on_blocks(const BodySystem<Real>& c, int threads, int rounds, const Work& w
   SpinBarrier barrier(threads);
 #pragma omp parallel num_threads(threads)
   {
-    const Range own = share(static_cast<std::int64_t>(c.solver.rz.size()), omp_get_thread_num(), threads);
+    const auto thread = static_cast<std::size_t>(omp_get_thread_num());
+    const Range own{c.solver.first_block[thread], c.solver.first_block[thread + 1]};
     for (int round = 0; round < rounds; ++round) {
       work(own, barrier);
       barrier.wait();
