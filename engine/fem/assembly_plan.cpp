@@ -2,9 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-
-#include "engine/numerics/team.h"
-
 namespace sulcus {
 namespace {
 
@@ -94,6 +91,7 @@ AssemblyPlan plan_assembly(const ElementData& elements, const Sparsity& sparsity
     last_tile.push_back(
         std::max(rows.tiles[r].last, rows.edges[r].last < 0 ? -1 : complete[at(rows.edges[r].last)]));
   plan.ready_rows = count_ready(last_tile, tiles);
+  for (std::size_t r = 1; r < last_tile.size(); ++r) last_tile[r] = std::max(last_tile[r], last_tile[r - 1]);
 
   // What is still needed when a tile is made bounds the rings.
   const std::vector<std::int64_t> for_edges = first_needed(edge_tiles), for_rows = first_needed(rows.tiles),
@@ -112,6 +110,9 @@ AssemblyPlan plan_assembly(const ElementData& elements, const Sparsity& sparsity
   const auto place_of_edge = [&](std::int64_t e) {
     return e / window_edges % plan.ring_windows * window_edges + e % window_edges;
   };
+  plan.lane_items.reserve(sparsity.lane_items.size());
+  plan.block.reserve(sparsity.block.size());
+  plan.incident.reserve(elements.incident.size());
   for (const std::int32_t item : sparsity.lane_items) {
     const std::int64_t place = item / 16 < elements.count ? place_of_element(item / 16) : plan.elements();
     plan.lane_items.push_back(static_cast<std::int32_t>(place * 16 + item % 16));
@@ -125,24 +126,33 @@ AssemblyPlan plan_assembly(const ElementData& elements, const Sparsity& sparsity
   for (const std::int32_t corner : elements.incident)
     plan.incident.push_back(static_cast<std::int32_t>(place_of_element(corner / 4) * 4 + corner % 4));
 
+  // Rows are shared out so that those in front of a border wait for as many tiles as are left behind it.
   // Backwards: a thread's own tiles end where the next one begins.
+  const auto border = [&](int thread) {
+    std::int64_t row = 0;
+    const auto last = static_cast<std::int64_t>(rows.tiles.size());
+    while (thread > 0 && row < last &&
+           (thread == threads || (last_tile[at(row)] + for_rows[at(row)]) * threads < 2 * tiles * thread))
+      ++row;
+    return row;
+  };
   plan.parts.resize(at(threads));
   std::int64_t next = tiles;
   for (int thread = threads - 1; thread >= 0; --thread) {
     AssemblyPlan::Part& part = plan.parts[at(thread)];
-    const Range own = share(static_cast<std::int64_t>(rows.tiles.size()), thread, threads);
+    const std::int64_t first_row = border(thread), last_row = border(thread + 1);
     Need tile, window;
-    for (std::int64_t r = own.first; r < own.last; ++r) {
+    for (std::int64_t r = first_row; r < last_row; ++r) {
       tile.add(std::min(rows.tiles[at(r)].first, tiles));
       window.add(std::min(rows.edges[at(r)].first, sparsity.edge_windows()));
     }
-    part.first_rows = own.first;
-    part.last_rows = own.last;
+    part.first_rows = first_row;
+    part.last_rows = last_row;
     part.next = next;
     part.first_tile = thread == 0 ? 0 : std::min(next, tile.first);
     part.first_edges = thread == 0 ? 0 : std::min(window.first, sparsity.edge_windows());
-    const auto done = std::lower_bound(plan.ready_rows.begin(), plan.ready_rows.end(), own.last);
-    part.last_tile = std::max<std::int64_t>(next, own.first < own.last ? done - plan.ready_rows.begin() : 0);
+    const auto done = std::lower_bound(plan.ready_rows.begin(), plan.ready_rows.end(), last_row);
+    part.last_tile = std::max<std::int64_t>(next, first_row < last_row ? done - plan.ready_rows.begin() : 0);
     next = part.first_tile;
   }
   return plan;

@@ -16,7 +16,7 @@
 namespace sulcus {
 
 struct AssemblyPlan {
-  static constexpr std::int64_t tile_elements = 512;
+  static constexpr std::int64_t tile_elements = 128;
 
   // With the tiles below t done, the first ready_edges[t] windows of edges (Sparsity::window_edges) and the
   // first ready_rows[t] windows of rows (Sparsity::window_rows) can be made. [tiles+1], ascending

@@ -197,8 +197,9 @@ void expect_rings_hold(const ElementData& elements, const Sparsity& s, const Ass
   };
   std::int64_t edges_done = part.first_edges, rows_done = part.first_rows;
   for (std::int64_t tile = part.first_tile; tile < part.last_tile; ++tile) {
-    for (std::int64_t e = 0; e < 512; ++e)
-      element_at[static_cast<std::size_t>(tile % plan.ring_tiles * 512 + e)] = tile * 512 + e;
+    constexpr std::int64_t size = AssemblyPlan::tile_elements;
+    for (std::int64_t e = 0; e < size; ++e)
+      element_at[static_cast<std::size_t>(tile % plan.ring_tiles * size + e)] = tile * size + e;
     const auto done = static_cast<std::size_t>(tile) + 1;
     for (; edges_done < plan.ready_edges[done]; ++edges_done) {
       for (auto place = static_cast<std::size_t>(64 * edges_done);
@@ -249,7 +250,8 @@ TEST(AssemblyPlan, WhatIsReadStandsInTheRingsStill) {
   EmbeddingMesh mesh = box_mesh(9, 8, 17, 0.01);
   for (int order = 0; order < 2; ++order) {
     const Body body(mesh);
-    const auto tiles = static_cast<std::int64_t>(mesh.tets.size() + 511) / 512;
+    const auto tiles = (static_cast<std::int64_t>(mesh.tets.size()) + AssemblyPlan::tile_elements - 1) /
+                       AssemblyPlan::tile_elements;
     for (int threads : {1, 2, 3, 8, 40}) {
       SCOPED_TRACE(threads);
       const AssemblyPlan plan = plan_assembly(body.elements, body.sparsity, threads);
