@@ -141,20 +141,22 @@ void report_kinetic_energy(const Scene& scene, const State& state, StepReport& r
 }
 
 // x += h v and the like; returns whether all is finite. Each thread moves the nodes that it assembles.
-bool update_tissue(const Scene& scene, const Workspace& workspace, State& state) {
+bool update_tissue(const Scene& scene, Workspace& workspace, State& state) {
   const double h = scene.settings.step_s;
-  bool finite = true;
-#pragma omp parallel num_threads(workspace.threads) reduction(&& : finite)
+#pragma omp parallel num_threads(workspace.threads)
   {
-    const Range nodes = share(scene.node_count(), omp_get_thread_num(), workspace.threads);
+    const int thread = omp_get_thread_num();
+    const Range nodes = share(scene.node_count(), thread, workspace.threads);
+    bool finite = true;
     for (auto i = static_cast<std::size_t>(3 * nodes.first); i < static_cast<std::size_t>(3 * nodes.last);
          ++i) {
       state.velocities[i] += workspace.increments[i];
       state.positions[i] += h * state.velocities[i];
       finite = finite && std::isfinite(state.positions[i]);
     }
+    workspace.finite[static_cast<std::size_t>(thread)] = finite;
   }
-  return finite;
+  return std::ranges::all_of(workspace.finite, [](std::uint8_t finite) { return finite != 0; });
 }
 
 void put_tool(const RigidBodyState& body, std::size_t t, State& state) {
@@ -390,6 +392,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   const std::size_t nodes = scene.mesh.rest_positions.size();
   workspace->forces.assign(3 * nodes, 0.0);
   workspace->increments.assign(3 * nodes, 0.0);
+  workspace->finite.assign(static_cast<std::size_t>(threads), 1);
   workspace->tools.resize(scene.settings.tools.size());
   workspace->motion_forces.assign(scene.settings.motions.size(), Vec3::Zero());
   workspace->plane_forces.assign(scene.plane_count, Vec3::Zero());

@@ -63,6 +63,7 @@ struct Workspace {
   std::unique_ptr<Numbers<double>> twice;
   std::vector<double> forces;         // [3*nodes] N
   std::vector<double> increments;     // [3*nodes] m/s
+  std::vector<std::uint8_t> finite;   // [threads] whether the positions that a thread moved are
   std::vector<Vec3> vertices;         // of one tool, world
   std::vector<DeviceSample> samples;  // [tools]
   std::vector<Contact> contacts;      // of all tools, in order
