@@ -41,6 +41,11 @@ void* operator new(std::size_t size, std::align_val_t alignment) {
   const auto a = static_cast<std::size_t>(alignment);
   return counted(std::aligned_alloc(a, (size + a - 1) / a * a));
 }
+// Of std::stable_sort's buffer; left to the address sanitizer, it would be no pair with the delete below.
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
+  void* p = std::malloc(size);
+  return p == nullptr ? p : counted(p);
+}
 void operator delete(void* p) noexcept {
   give_back(p);
 }
