@@ -1,5 +1,7 @@
 #include "engine/fracture/fracture.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -9,6 +11,7 @@
 #include "engine/fem/rotation.h"
 #include "engine/fem/stress.h"
 #include "engine/numerics/error.h"
+#include "engine/numerics/team.h"
 
 namespace sulcus {
 
@@ -67,22 +70,28 @@ void find_close(const ElementData& elements, const FractureData& data, const Fra
   pass.nodes = elements.nodes.data();
   pass.rest = elements.rest_single.data();
   pass.positions = positions.data();
+  pass.nodes_count = static_cast<std::int64_t>(positions.size() / 3);
   pass.wanted = data.wanted.data();
   pass.bounds = scratch.bounds.data();
   const auto kernel = settings.criterion == FractureCriterion::tensile ? scratch.kernels.tensile_bounds
                                                                        : scratch.kernels.absolute_bounds;
-  const auto blocks = static_cast<std::int64_t>(data.wanted.size());
-#pragma omp parallel for num_threads(scratch.threads) schedule(static)
-  for (std::int64_t block = 0; block < blocks; ++block) kernel(pass, block, block + 1);
-
-  scratch.close.clear();
-  for (std::int64_t block = 0; block < blocks; ++block) {
-    if (!data.wanted[at(block)]) continue;
-    for (std::int64_t e = block * lanes; e < std::min((block + 1) * lanes, elements.count); ++e) {
-      const bool far = scratch.bounds[at(e)] <= data.worth_a_look[at(e)];  // false for NaN
-      if (!far && alive[at(e)]) scratch.close.push_back(static_cast<std::int32_t>(e));
+#pragma omp parallel num_threads(scratch.threads)
+  {
+    const int thread = omp_get_thread_num();
+    const Range own = share(static_cast<std::int64_t>(data.wanted.size()), thread, scratch.threads);
+    kernel(pass, own.first, own.last);
+    auto& close = scratch.parts[at(thread)];
+    close.clear();
+    for (std::int64_t w = own.first; w < own.last; ++w) {
+      const std::int64_t first = data.wanted[at(w)] * lanes;
+      for (std::int64_t e = first; e < std::min(first + lanes, elements.count); ++e) {
+        const bool far = scratch.bounds[at(e)] <= data.worth_a_look[at(e)];  // false for NaN
+        if (!far && alive[at(e)]) close.push_back(static_cast<std::int32_t>(e));
+      }
     }
   }
+  scratch.close.clear();
+  for (const auto& part : scratch.parts) scratch.close.insert(scratch.close.end(), part.begin(), part.end());
 }
 
 // Which of the close elements tear now.
@@ -154,12 +163,12 @@ FractureData build_fracture_data(const ElementData& elements, std::span<const Ma
   const std::size_t blocks = block_count(elements);
   data.threshold.resize(at(elements.count));
   data.worth_a_look.assign(blocks * at(lanes), std::numeric_limits<float>::infinity());
-  data.wanted.assign(blocks, 0);
   for (std::int64_t e = 0; e < elements.count; ++e) {
     const double threshold = materials[at(material_of_tet[at(e)])].fracture_threshold_Pa;
     data.threshold[at(e)] = threshold;
     if (!std::isfinite(threshold)) continue;
-    data.wanted[at(e / lanes)] = 1;
+    if (data.wanted.empty() || data.wanted.back() != e / lanes)
+      data.wanted.push_back(static_cast<std::int32_t>(e / lanes));
     // the bounds hold for lambda >= 0 only
     data.worth_a_look[at(e)] = rest_material(elements, e).lambda_Pa >= 0
                                    ? static_cast<float>((1 - widest_margin) * threshold)
@@ -173,6 +182,8 @@ FractureScratch make_fracture_scratch(const ElementData& elements, const MeshSta
   FractureScratch scratch;
   scratch.bounds.assign(block_count(elements) * at(lanes), 0.0F);
   scratch.close.reserve(mesh.tets.size());
+  scratch.parts.resize(at(threads));
+  for (auto& part : scratch.parts) part.reserve(mesh.tets.size() / at(threads) + 2 * at(lanes));
   scratch.stress.reserve(mesh.tets.size());
   scratch.removed.reserve(mesh.tets.size());
   scratch.star = make_star_scratch(mesh);

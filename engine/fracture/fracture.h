@@ -29,7 +29,7 @@ struct FractureSettings {
 struct FractureData {
   std::vector<double> threshold;     // [tets], Pa; infinite: never tears
   std::vector<float> worth_a_look;   // [16*blocks] bound above which the stress itself is computed, Pa
-  std::vector<std::uint8_t> wanted;  // [blocks of 16 elements] whether any can tear
+  std::vector<std::int32_t> wanted;  // blocks of 16 elements of which any can tear, ascending
 };
 
 // materials, material_of_tet: as for build_elements. Throws InputError for a threshold that is not above zero
@@ -51,9 +51,10 @@ struct FractureReport {
 
 // Scratch; its content has no meaning between calls.
 struct FractureScratch {
-  std::vector<float> bounds;        // [16*blocks]
-  std::vector<std::int32_t> close;  // elements whose stress is computed
-  std::vector<double> stress;       // of these
+  std::vector<float> bounds;                     // [16*blocks]
+  std::vector<std::vector<std::int32_t>> parts;  // [threads] elements whose stress is computed
+  std::vector<std::int32_t> close;               // the same, one behind the other
+  std::vector<double> stress;                    // of these
   std::vector<std::int32_t> removed;
   StarScratch star;
   FractureKernels kernels;

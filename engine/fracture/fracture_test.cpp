@@ -137,11 +137,12 @@ TEST(StressBound, IsNeverBelowTheStressAlsoInvertedAndTheSameOnEveryInstructionS
       std::vector<float> first;
       for (const Isa isa : {Isa::sse2, Isa::avx2, Isa::avx512}) {
         if (isa > widest_isa()) continue;
-        std::vector<float> bounds(body.data.wanted.size() * 16, 0.0F);
+        std::vector<float> bounds((body.alive.size() + 15) / 16 * 16, 0.0F);
         const FractureKernels kernels = fracture_kernels(isa);
         const auto kernel =
             criterion == FractureCriterion::tensile ? kernels.tensile_bounds : kernels.absolute_bounds;
-        kernel({body.elements.nodes.data(), body.elements.rest_single.data(), body.positions.data(),
+        kernel({body.elements.nodes.data(), body.elements.rest_single.data(),
+                static_cast<std::int64_t>(body.positions.size() / 3), body.positions.data(),
                 body.data.wanted.data(), bounds.data()},
                0, static_cast<std::int64_t>(body.data.wanted.size()));
         bounds.resize(body.alive.size());

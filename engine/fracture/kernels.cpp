@@ -13,26 +13,31 @@ enum class Bound { tensile, absolute };
 template <Bound bound>
 void stress_bounds(const StressBoundPass& pass, std::int64_t first, std::int64_t last) {
   using V = Lanes<float>;
-  for (std::int64_t block = first; block < last; ++block) {
-    if (!pass.wanted[block]) continue;
+  // four numbers, of which the last node has only three
+  const auto place = [&](std::int32_t node) {
+    const double* x = pass.positions + 3 * static_cast<std::int64_t>(node);
+    return node + 1 < pass.nodes_count ? load<Four<double>>(x) : Four<double>{x[0], x[1], x[2], 0};
+  };
+  std::int32_t in_order[lanes];
+  for (int l = 0; l < lanes; ++l) in_order[l] = l;
+  for (std::int64_t w = first; w < last; ++w) {
+    const std::int64_t block = pass.wanted[w];
     // edges of the deformed elements, x_a - x_0
-    alignas(64) float edges[9][lanes];
+    alignas(64) float edges[3][lanes][4];
     const std::int32_t* nodes = pass.nodes + block * 4 * lanes;
     for (int l = 0; l < lanes; ++l) {
-      const double* x0 = pass.positions + 3 * static_cast<std::int64_t>(nodes[l]);
-      for (int a = 1; a < 4; ++a) {
-        const double* x = pass.positions + 3 * static_cast<std::int64_t>(nodes[a * lanes + l]);
-        for (int i = 0; i < 3; ++i) edges[3 * (a - 1) + i][l] = static_cast<float>(x[i] - x0[i]);
-      }
+      const Four<double> x0 = place(nodes[l]);
+      for (int a = 0; a < 3; ++a)
+        store(edges[a][l], __builtin_convertvector(place(nodes[(a + 1) * lanes + l]) - x0, Four<float>));
     }
     const float* rest = pass.rest + block * 12 * lanes;
     for (int l = 0; l < lanes; l += lane_count<float>) {
       const auto component = [&](int c) { return load<V>(rest + c * lanes + l); };
-      V f[3][3];
+      V d[3][3], f[3][3];
+      for (int a = 0; a < 3; ++a) gather<float>(&edges[a][0][0], 4, in_order + l, d[a][0], d[a][1], d[a][2]);
       for (int i = 0; i < 3; ++i) {
-        const V d1 = load<V>(&edges[i][l]), d2 = load<V>(&edges[3 + i][l]), d3 = load<V>(&edges[6 + i][l]);
         for (int j = 0; j < 3; ++j)
-          f[i][j] = d1 * component(j) + d2 * component(3 + j) + d3 * component(6 + j);
+          f[i][j] = d[0][i] * component(j) + d[1][i] * component(3 + j) + d[2][i] * component(6 + j);
       }
       const auto c = [&](int i, int j) { return f[0][i] * f[0][j] + f[1][i] * f[1][j] + f[2][i] * f[2][j]; };
       const V c00 = c(0, 0), c11 = c(1, 1), c22 = c(2, 2), c01 = c(0, 1), c12 = c(1, 2), c20 = c(2, 0);

@@ -8,15 +8,16 @@
 namespace sulcus {
 
 struct StressBoundPass {
-  const std::int32_t* nodes = nullptr;   // ElementData::nodes
-  const float* rest = nullptr;           // ElementData::rest_single
-  const double* positions = nullptr;     // [3*nodes], m
-  const std::uint8_t* wanted = nullptr;  // [blocks of 16 elements] 0: skip the block
+  const std::int32_t* nodes = nullptr;  // ElementData::nodes
+  const float* rest = nullptr;          // ElementData::rest_single
+  std::int64_t nodes_count = 0;
+  const double* positions = nullptr;     // [3*nodes_count], m
+  const std::int32_t* wanted = nullptr;  // blocks of 16 elements
   float* bounds = nullptr;               // [16*blocks], Pa; out, for wanted blocks
 };
 
-// Upper bounds of a stress that need neither rotation nor eigenvalues, for blocks [first, last) of 16
-// elements. With C = F^T F, its trace t, m = t / 3 and d = |C - m I|:
+// Upper bounds of a stress that need neither rotation nor eigenvalues, for the wanted blocks [first,
+// last). With C = F^T F, its trace t, m = t / 3 and d = |C - m I|:
 //   tensile   largest principal stress <= mu (m + sqrt(2/3) d - 1) + lambda (t - 3) / 2, since s <= (s^2 + 1)
 //   / 2
 //             for every stretch s; lambda >= 0
