@@ -249,6 +249,22 @@ bool world_normal(const EmbeddingMesh& mesh, std::span<const double> positions, 
   return true;
 }
 
+constexpr double least_slope = 1e-6;  // of the distance, whose slope is about 1
+
+// Distance and way out. Between two voxels that are equally deep the interpolated distance is flat; there it
+// goes on as it does on the other side of the point's own voxel, up to the middle between the two.
+DistanceSample sample_within(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& distance,
+                             const Vec3& point_voxel, const Voxel& home) {
+  DistanceSample sample = sample_distance(map, pairs, distance, point_voxel, home.index);
+  if (!(sample.distance < 0) || sample.gradient.squaredNorm() > least_slope * least_slope) return sample;
+  const Vec3 centre(home.at[0], home.at[1], home.at[2]);
+  const DistanceSample mirrored = sample_distance(map, pairs, distance, 2 * centre - point_voxel, home.index);
+  sample.gradient = mirrored.gradient;
+  sample.distance =
+      2 * sample_distance(map, pairs, distance, centre, home.index).distance - mirrored.distance;
+  return sample;
+}
+
 }  // namespace
 
 std::vector<VoxelBox> find_owned_voxels(const LabelMap& map, const EmbeddingMesh& mesh) {
@@ -338,9 +354,9 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
     }
     if (tet < 0) continue;
 
-    const DistanceSample sample = sample_distance(map, pairs, tissue.distance, point_voxel, home.index);
+    const DistanceSample sample = sample_within(map, pairs, tissue.distance, point_voxel, home);
     const double slope = std::sqrt(sample.gradient.squaredNorm());
-    if (!(sample.distance < 0) || !(slope > 1e-6)) continue;
+    if (!(sample.distance < 0) || !(slope > least_slope)) continue;
     const Vec3 rest_normal = sample.gradient / slope;
     const Vec3 surface = map.to_world(point_voxel) - sample.distance * rest_normal;
 

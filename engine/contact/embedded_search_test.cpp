@@ -130,8 +130,7 @@ TEST(EmbeddedSearch, GridFindsWhatBruteForceFindsForAMillionPoints) {
   }
   ContactSearch search;
   const std::vector<Contact> together = body.contacts(points, search);
-  // tissue fills 46 % of the box; a tenth of it is where the distance has no slope
-  EXPECT_GT(together.size(), points.size() * 2 / 5);
+  EXPECT_GT(together.size(), points.size() * 2 / 5);  // tissue fills 46 % of the box
   std::vector<const Contact*> by_grid(points.size(), nullptr);
   for (const Contact& contact : together) by_grid[static_cast<std::size_t>(contact.vertex)] = &contact;
   std::size_t found = 0;
@@ -171,11 +170,9 @@ TEST(EmbeddedSearch, HomeIsThatOfAPlainLoopOverAllElements) {
     } else {
       const DistanceSample sample =
           sample_distance(body.map, body.pairs, body.distance, body.map.to_voxel(rest), voxel);
-      // no point within the tissue is lost, but for those in the middle between two surfaces: there is no way
-      // out
-      const bool within = sample.distance < 0 && sample.gradient.norm() > 1e-6;
-      EXPECT_EQ(found, within) << p;
-      if (found) {
+      // no point within the tissue is lost
+      EXPECT_EQ(found, sample.distance < 0) << p;
+      if (found && sample.gradient.norm() > 1e-6) {
         EXPECT_NEAR(contacts[next].depth_m, -sample.distance, 1e-9) << p;
         ++compared;
       }
@@ -291,6 +288,45 @@ TEST(EmbeddedSearch, ProjectedPointHasItsOwnElement) {
   // beyond the cell that owns the voxel a quarter of a voxel further in, by that quarter: a weight of it in a
   // corner of a cell of 6 voxels, whose height is 6 / sqrt(3).
   EXPECT_GT(furthest, -0.25 * std::sqrt(3.0) / 6);
+}
+
+// A sheet of any thickness, also where the two voxels in its middle are equally deep.
+TEST(EmbeddedSearch, AThinSheetIsTouchedInAllOfItAndPushedOutTheNearerWay) {
+  const std::uint64_t seed = 45;
+  SCOPED_TRACE(seed);
+  std::mt19937_64 random(seed);
+  for (const int thickness : {2, 3, 4, 5, 6}) {  // smoothing thins a sheet of one
+    SCOPED_TRACE(thickness);
+    LabelMap map = box_map(24, 24, 12, 1e-3);
+    for (std::size_t v = 0; v < map.labels.size(); ++v) {
+      const int k = static_cast<int>(v / (24 * 24));
+      if (k < 4 || k >= 4 + thickness) map.labels[v] = 0;
+    }
+    EmbeddingOptions options;
+    options.size_m = 6e-3;
+    const EmbeddingMesh mesh = build_embedding(map, {}, options);
+    const DistanceField distance = build_distance_field(map, {});
+    const std::vector<VoxelBox> owned = find_owned_voxels(map, mesh);
+    std::vector<Vec3> points;
+    for (int p = 0; p < 2000; ++p) {
+      points.push_back(map.to_world(Vec3(uniform(random, 8, 16), uniform(random, 8, 16),
+                                         3.5 + uniform(random, 0.02, 0.98) * thickness)));
+    }
+    ContactSearch search;
+    std::vector<Contact> found;
+    const SeparationPairs none;
+    find_embedded_contacts({map, none, distance, mesh, owned}, flat_positions(mesh), {}, 0, points,
+                           Vec3::Zero(), search, found);
+    EXPECT_EQ(found.size(), points.size());
+    for (const Contact& contact : found) {
+      const double below = map.to_voxel(points[static_cast<std::size_t>(contact.vertex)])[2] - 3.5;  // voxels
+      const double above = thickness - below;
+      EXPECT_NEAR(1e3 * contact.depth_m, std::fmin(below, above), 0.1) << below;  // smoothing: 0.03 voxel
+      if (std::fabs(below - above) > 0.02) {
+        EXPECT_NEAR(contact.normal[2], below < above ? -1 : 1, 1e-3) << below;
+      }
+    }
+  }
 }
 
 }  // namespace
