@@ -80,6 +80,23 @@ void expect_same(const State& a, const State& b) {
   EXPECT_EQ(a.filtered_forces, b.filtered_forces);
 }
 
+TEST(Step, SearchedFromRestIsTheSameAndMoreWork) {
+  std::vector<State> ends;
+  std::vector<int> iterations;
+  for (const bool from_rest : {false, true}) {
+    SceneDescription d = pressed_block(Precision::double_precision);
+    d.solver.tolerance = 1e-9;
+    d.solver.from_rest = from_rest;
+    std::vector<StepReport> reports;
+    ends.push_back(run(build(std::move(d)), 40, 2, widest_isa(), &reports).back());
+    iterations.push_back(0);
+    for (const StepReport& report : reports) iterations.back() += report.iterations;
+  }
+  for (std::size_t i = 0; i < ends[0].positions.size(); ++i)
+    EXPECT_NEAR(ends[0].positions[i], ends[1].positions[i], 1e-9);
+  EXPECT_GT(iterations[1], iterations[0]);
+}
+
 TEST(Step, TissueAtRestStaysAtRest) {
   SceneDescription d = block_description({3, 3, 3}, 0.02);
   d.solver.precision = Precision::single_precision;

@@ -146,6 +146,24 @@ void guess_last_solution(SolverWorkspace<Real>& solver) {
   }
 }
 
+// Makes tissue at rest that place: where nodes are free to move.
+template <class Real>
+void guess_rest(const Scene& scene, const State& state, const Workspace& workspace,
+                SolverWorkspace<Real>& solver) {
+  std::fill(solver.guess.begin(), solver.guess.end(), Real(0));
+  const std::span<const std::uint8_t> free_node = free_nodes(scene, workspace);
+  for (std::size_t n = 0; n < free_node.size(); ++n) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      if (!free_node[n] || (!scene.keeps.empty() && scene.keeps[n][d])) continue;
+      solver.guess[solver_entry(scene, static_cast<std::int32_t>(n), d)] =
+          static_cast<Real>(-state.velocities[3 * n + d]);
+    }
+  }
+  for (const LedNode& led : workspace.led) {
+    for (std::size_t d = 0; d < 3; ++d) solver.guess[solver_entry(scene, led.node, d)] = Real(0);
+  }
+}
+
 // What holds the nodes on their paths: the residual there.
 template <class Real>
 void sum_motion_forces(const Scene& scene, const State& state, const SolverWorkspace<Real>& solver,
@@ -277,8 +295,9 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   auto numbers = std::make_unique<Numbers<Real>>();
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
-  if (scene.solves_again()) {
+  if (scene.solves_again() || scene.settings.solver.from_rest)
     numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
+  if (scene.solves_again()) {
     const std::size_t contacts = most_contacts(scene);
     numbers->saved_tets.reserve(contacts);
     numbers->saved_blocks.reserve(108 * contacts);
@@ -389,13 +408,15 @@ template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
                                const Effort& effort, bool again) {
-  numbers.solver.start = again ? Start::guess : Start::rest;
+  const bool from_rest = scene.settings.solver.from_rest && !again;
+  numbers.solver.start = again || from_rest ? Start::guess : Start::rest;
   if (again) guess_last_solution(numbers.solver);
+  if (from_rest) guess_rest(scene, state, workspace, numbers.solver);
   if (again) {
     restore_tissue(scene, numbers, workspace);
   } else {
     assemble_tissue(scene, state, numbers, workspace);
-    if (!numbers.solver.guess.empty()) save_tissue(scene, numbers, workspace);
+    if (scene.solves_again()) save_tissue(scene, numbers, workspace);
   }
   for (std::size_t t = 0; t < workspace.tools.size(); ++t)
     assemble_tool(scene, samples[t], state, t, workspace);

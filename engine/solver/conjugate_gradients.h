@@ -22,6 +22,8 @@ struct SolverSettings {
   double tolerance =
       1e-3;  // of |r| / |b| in the norm of the preconditioner, |r|^2 = r . D^-1 r; b: right-hand side
   int max_iterations = 1000;
+  // Whether the search begins with tissue at rest, for comparison, in place of the velocities that it has.
+  bool from_rest = false;
   double velocity_floor_m_s =
       1e-8;  // m/s; |r| below this times the root of the tissue's mass is converged in any case
 };
