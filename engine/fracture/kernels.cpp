@@ -13,10 +13,12 @@ enum class Bound { tensile, absolute };
 template <Bound bound>
 void stress_bounds(const StressBoundPass& pass, std::int64_t first, std::int64_t last) {
   using V = Lanes<float>;
-  // four numbers, of which the last node has only three
-  const auto place = [&](std::int32_t node) {
+  const auto four = [&](std::int32_t node) {
+    return load<Four<double>>(pass.positions + 3 * static_cast<std::int64_t>(node));
+  };
+  const auto three = [&](std::int32_t node) {
     const double* x = pass.positions + 3 * static_cast<std::int64_t>(node);
-    return node + 1 < pass.nodes_count ? load<Four<double>>(x) : Four<double>{x[0], x[1], x[2], 0};
+    return Four<double>{x[0], x[1], x[2], 0};
   };
   std::int32_t in_order[lanes];
   for (int l = 0; l < lanes; ++l) in_order[l] = l;
@@ -25,10 +27,19 @@ void stress_bounds(const StressBoundPass& pass, std::int64_t first, std::int64_t
     // edges of the deformed elements, x_a - x_0
     alignas(64) float edges[3][lanes][4];
     const std::int32_t* nodes = pass.nodes + block * 4 * lanes;
-    for (int l = 0; l < lanes; ++l) {
-      const Four<double> x0 = place(nodes[l]);
-      for (int a = 0; a < 3; ++a)
-        store(edges[a][l], __builtin_convertvector(place(nodes[(a + 1) * lanes + l]) - x0, Four<float>));
+    const auto fill = [&](const auto& place) {
+      for (int l = 0; l < lanes; ++l) {
+        const Four<double> x0 = place(nodes[l]);
+        for (int a = 0; a < 3; ++a)
+          store(edges[a][l], __builtin_convertvector(place(nodes[(a + 1) * lanes + l]) - x0, Four<float>));
+      }
+    };
+    bool last_node = false;  // behind it there is no fourth number
+    for (int k = 0; k < 4 * lanes; ++k) last_node |= nodes[k] + 1 == pass.nodes_count;
+    if (last_node) {
+      fill(three);
+    } else {
+      fill(four);
     }
     const float* rest = pass.rest + block * 12 * lanes;
     for (int l = 0; l < lanes; l += lane_count<float>) {
