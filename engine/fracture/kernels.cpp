@@ -34,9 +34,9 @@ void stress_bounds(const StressBoundPass& pass, std::int64_t first, std::int64_t
           store(edges[a][l], __builtin_convertvector(place(nodes[(a + 1) * lanes + l]) - x0, Four<float>));
       }
     };
-    bool last_node = false;  // behind it there is no fourth number
-    for (int k = 0; k < 4 * lanes; ++k) last_node |= nodes[k] + 1 == pass.nodes_count;
-    if (last_node) {
+    std::int32_t largest = 0;  // behind the last node there is no fourth number
+    for (int k = 0; k < 4 * lanes; ++k) largest = nodes[k] > largest ? nodes[k] : largest;
+    if (largest + 1 == pass.nodes_count) {
       fill(three);
     } else {
       fill(four);
