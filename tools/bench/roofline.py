@@ -14,7 +14,8 @@ Made by `tools/perf roofline --page docs/roofline.md`. What the machine can read
 first; a kernel's share is the time that its bytes or operations take at that rate, over the time it took. Above 100 %% the data
 came from a nearer cache than the one that it was counted for.
 
-%s, commit %s, load %.1f when it began (2 would be all cores busy; other programs make shares smaller and times longer).
+%s, commit %s, load %.1f when it began (2 would be all cores busy; other programs make shares smaller and times longer, most of all with two threads,
+which wait for each other: a row of two threads that takes longer than its row of one was met by them).
 
 """
 
