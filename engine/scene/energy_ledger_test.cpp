@@ -14,12 +14,7 @@ namespace {
 // A ball pressed by hand into the top of a block on springs, turned and moved aside there, and withdrawn: 2
 // s.
 SceneDescription pressed(double step_s) {
-  SceneDescription d = block_description({5, 5, 5}, 0.02);
-  d.material.youngs_modulus_Pa = 2000;
-  d.damping = {0, 0.1};
-  d.step_s = step_s;
-  for (const std::int32_t node : nodes_where(d, [](const Vec3& x) { return x[2] < 1e-9; }))
-    d.springs.push_back({node, 50, 0.1});
+  SceneDescription d = block_on_springs({5, 5, 5}, step_s, 50, 0.1);
   Tool ball;
   ball.name = "ball";
   ball.surface = sphere_tool(0.03);

@@ -122,12 +122,7 @@ TEST(ThirteenStates, AllDerivativesAreThoseOfFiniteDifferences) {
 
 // A ball on a lever of 60 mm, pressed into a block by its handle, moved aside and tilted by half a radian.
 SceneDescription lever_on_block(double stiffness, double anisotropy, double step_s) {
-  SceneDescription d = block_description({3, 3, 3}, 0.02);
-  d.material.youngs_modulus_Pa = 2000;
-  d.damping = {0, 0.1};
-  d.step_s = step_s;
-  for (const std::int32_t node : nodes_where(d, [](const Vec3& x) { return x[2] < 1e-9; }))
-    d.springs.push_back({node, 500, 1});
+  SceneDescription d = block_on_springs({3, 3, 3}, step_s, 500, 1);
   Tool lever;
   lever.surface = sphere_tool(0.02, 3);
   for (Vec3& vertex : lever.surface.vertices) vertex -= Vec3(0, 0, 0.06);

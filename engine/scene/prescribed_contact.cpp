@@ -28,8 +28,7 @@ void lead_nodes(const Scene& scene, std::span<const DeviceSample> samples, const
                 Workspace& workspace) {
   constexpr double least_weight = 0.25;
   const auto tools = static_cast<std::int32_t>(scene.settings.tools.size());
-  const std::span<const std::uint8_t> free_node =
-      scene.fracture ? std::span<const std::uint8_t>(workspace.view.free_node) : scene.free_node;
+  const std::span<const std::uint8_t> free_node = free_nodes(scene, workspace.view);
   const bool sticks = scene.settings.contact.anisotropy == 1;
   workspace.led.clear();
   for (const Contact& contact : workspace.contacts) {

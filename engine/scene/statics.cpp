@@ -44,19 +44,16 @@ struct Problem {
     if (scene.fracture) update(scene, state.alive, view);
   }
 
-  std::span<const std::uint8_t> free_node() const {
-    return scene.fracture ? std::span<const std::uint8_t>(view.free_node)
-                          : std::span<const std::uint8_t>(scene.free_node);
-  }
   bool moves(std::size_t entry) const {
-    return free_node()[entry / 3] && (scene.keeps.empty() || !scene.keeps[entry / 3][entry % 3]);
+    return free_nodes(scene, view)[entry / 3] && (scene.keeps.empty() || !scene.keeps[entry / 3][entry % 3]);
   }
 
   // Rotations, warped stiffness, forces and energy at state.positions.
   void evaluate() {
     const std::vector<double> rest_velocity(state.positions.size(), 0.0);
     assemble_elements<double>(elements, scene.sparsity, {1, {}}, scene.mesh.rest_positions, state.positions,
-                              rest_velocity, present(scene, state), free_node(), state.rotations, system);
+                              rest_velocity, present(scene, state), free_nodes(scene, view), state.rotations,
+                              system);
     forces = system.node_forces;
     std::fill(system.node_terms.begin(), system.node_terms.end(), 0.0);  // no mass
     elastic =
@@ -121,7 +118,7 @@ struct Problem {
   }
 
   void finish_matrix() {
-    close_rows<double>(scene.sparsity, free_node(), system);
+    close_rows<double>(scene.sparsity, free_nodes(scene, view), system);
     if (!scene.keeps.empty()) keep_in_planes(scene, system);
   }
 

@@ -59,10 +59,6 @@ void assemble_tool(const Scene& scene, const DeviceSample& sample, const State& 
   tool.right_hand_side -= tool.matrix * tool.velocity;
 }
 
-std::span<const std::uint8_t> free_nodes(const Scene& scene, const Workspace& workspace) {
-  return scene.fracture ? std::span<const std::uint8_t>(workspace.view.free_node) : scene.free_node;
-}
-
 // Matrix of the tissue without contacts; workspace.forces becomes its right-hand side, impulses [N s].
 template <class Real>
 void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, Workspace& workspace) {
@@ -70,7 +66,7 @@ void assemble_tissue(const Scene& scene, State& state, Numbers<Real>& numbers, W
   const StepCoefficients coefficients{h, scene.settings.damping};
   assemble_elements<Real>(scene.elements, scene.sparsity, coefficients, scene.mesh.rest_positions,
                           state.positions, state.velocities, present(scene, state),
-                          free_nodes(scene, workspace), state.rotations, numbers.system);
+                          free_nodes(scene, workspace.view), state.rotations, numbers.system);
   const double alpha = scene.settings.damping.alpha_1_s;
   const Vec3& gravity = scene.settings.gravity;
   const std::int64_t count = scene.node_count();
@@ -151,7 +147,7 @@ template <class Real>
 void guess_rest(const Scene& scene, const State& state, const Workspace& workspace,
                 SolverWorkspace<Real>& solver) {
   std::fill(solver.guess.begin(), solver.guess.end(), Real(0));
-  const std::span<const std::uint8_t> free_node = free_nodes(scene, workspace);
+  const std::span<const std::uint8_t> free_node = free_nodes(scene, workspace.view);
   for (std::size_t n = 0; n < free_node.size(); ++n) {
     for (std::size_t d = 0; d < 3; ++d) {
       if (!free_node[n] || (!scene.keeps.empty() && scene.keeps[n][d])) continue;
@@ -422,7 +418,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
     assemble_tool(scene, samples[t], state, t, workspace);
   assemble_contacts(scene, state, numbers, workspace);
   if (!again) list_touched(scene, workspace, numbers.touched_chunks);
-  close_rows<Real>(scene.sparsity, free_nodes(scene, workspace), numbers.touched_chunks, numbers.system);
+  close_rows<Real>(scene.sparsity, free_nodes(scene, workspace.view), numbers.touched_chunks, numbers.system);
   if (!scene.keeps.empty()) keep_in_planes(scene, numbers.system);
   if (scene.settings.contact.prescribed) {
     std::fill(numbers.solver.prescribed.begin(), numbers.solver.prescribed.end(), Real(0));

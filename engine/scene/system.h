@@ -96,6 +96,11 @@ inline std::span<const std::uint8_t> present(const Scene& scene, const State& st
   return scene.fracture ? std::span<const std::uint8_t>(state.alive) : std::span<const std::uint8_t>();
 }
 
+// Nodes that move, [nodes]: where tissue tears, those that some element still holds.
+inline std::span<const std::uint8_t> free_nodes(const Scene& scene, const AliveView& view) {
+  return scene.fracture ? std::span<const std::uint8_t>(view.free_node) : scene.free_node;
+}
+
 // How far to solve; as in SolverSettings.
 struct Effort {
   double tolerance = 0, floor_m_s = 0;

@@ -34,6 +34,18 @@ std::vector<std::int32_t> nodes_where(const SceneDescription& d, Condition&& con
   return nodes;
 }
 
+// Soft tissue in cells of 20 mm, a spring under each node of its bottom.
+inline SceneDescription block_on_springs(const Index3& cells, double step_s, double stiffness_N_m,
+                                         double damping_N_s_m) {
+  SceneDescription d = block_description(cells, 0.02);
+  d.material.youngs_modulus_Pa = 2000;
+  d.damping = {0, 0.1};
+  d.step_s = step_s;
+  for (const std::int32_t node : nodes_where(d, [](const Vec3& x) { return x[2] < 1e-9; }))
+    d.springs.push_back({node, stiffness_N_m, damping_N_s_m});
+  return d;
+}
+
 // A path from rest along `way` (m) with equal steps, then a halt.
 inline PrescribedMotion straight_motion(std::vector<std::int32_t> nodes, const Vec3& way, int steps) {
   PrescribedMotion motion;
