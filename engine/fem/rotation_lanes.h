@@ -1,5 +1,6 @@
-// Rotations of as many elements at once as a register holds: two or three warm Newton steps of the polar
-// decomposition on the quaternion, in lanes; a lane that they do not bring to a maximum goes one by one to
+// Rotations of as many elements at once as a register holds: warm Newton steps of the polar decomposition on
+// the quaternion, in lanes, at most two or three. A lane whose step was short is done and stays as it is,
+// whatever its neighbours in the register still need; one that they do not bring to a maximum goes to
 // polar_rotation (Jacobi SVD). For kernel files only (engine/numerics/lanes.h).
 #pragma once
 
@@ -10,11 +11,15 @@
 
 namespace sulcus::SULCUS_ISA_NAMESPACE {
 
-// Newton steps on the rotation: each squares the error; what is left above the limit goes to the fallback.
+// Newton steps on the rotation. About its maximum tr(R^T F) is even, so each cubes the error: a third of the
+// step's cube is left. A lane is done after a step below the limit; what is not after all goes to the
+// fallback.
 template <class Real>
 inline constexpr int newton_steps = sizeof(Real) == 4 ? 2 : 3;
 template <class Real>
-inline constexpr Real last_step_limit = sizeof(Real) == 4 ? Real(4e-6) : Real(1e-11);  // rad^2
+inline constexpr Real largest_step = Real(0.25);  // rad^2, what goes further is left to the fallback
+template <class Real>
+inline constexpr Real short_step = sizeof(Real) == 4 ? Real(4e-6) : Real(1e-11);  // rad^2
 
 template <class Real>
 struct Rotation {
@@ -32,10 +37,26 @@ SULCUS_INLINE Rotation<Real> matrix_of(const Lanes<Real>* q) {
            one - (xx + yy)}};
 }
 
-// One Newton step of tr(R^T F); returns |delta|^2, or a huge number where the Hessian is not positive
-// definite.
+// 1 / sqrt(square) of what a step makes of a unit quaternion: its square is at most 1 + largest_step / 4. In
+// single precision the series about 1 is exact there, and quicker than a root and a division.
 template <class Real>
-SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
+SULCUS_INLINE Lanes<Real> inverse_length(const Lanes<Real>& square) {
+  if constexpr (sizeof(Real) == 4) {
+    const Lanes<Real> t = square - Real(1);
+    const Lanes<Real> series =
+        Real(-1.0 / 2) +
+        t * (Real(3.0 / 8) + t * (Real(-5.0 / 16) +
+                                  t * (Real(35.0 / 128) + t * (Real(-63.0 / 256) + t * Real(231.0 / 1024)))));
+    return Real(1) + t * series;
+  } else {
+    return Real(1) / square_root<Real>(square);
+  }
+}
+
+// One Newton step of tr(R^T F) for the lanes that are not done. step: |delta|^2 of the last one in, of this
+// one out; a huge number where the Hessian is not positive definite.
+template <class Real, bool first>
+SULCUS_INLINE void newton_step(const Lanes<Real>* f, Lanes<Real>* q, Lanes<Real>& step) {
   using V = Lanes<Real>;
   const Rotation<Real> rot = matrix_of<Real>(q);
   const V* r = rot.r;
@@ -54,24 +75,28 @@ SULCUS_INLINE Lanes<Real> newton_step(const Lanes<Real>* f, Lanes<Real>* q) {
   const V zero{};
   const auto maximum =
       (hxx > zero) & (azz > Real(1e-4) * size) & (det * det > Real(1e-6) * size * size * size) & (det > zero);
-  const V safe_det = maximum ? det : zero + Real(1);
-  const V dx = (axx * gx + axy * gy + axz * gz) / safe_det;
-  const V dy = (axy * gx + ayy * gy + ayz * gz) / safe_det;
-  const V dz = (axz * gx + ayz * gy + azz * gz) / safe_det;
-  const V step = dx * dx + dy * dy + dz * dz;
-  const auto good = maximum & (step < zero + Real(0.25));
+  const V by_det = Real(1) / (maximum ? det : zero + Real(1));
+  const V dx = (axx * gx + axy * gy + axz * gz) * by_det;
+  const V dy = (axy * gx + ayy * gy + ayz * gz) * by_det;
+  const V dz = (axz * gx + ayz * gy + azz * gz) * by_det;
+  const V length = dx * dx + dy * dy + dz * dz;
+  const auto good = maximum & (length < zero + largest_step<Real>);
   const V x = good ? half * dx : zero, y = good ? half * dy : zero, z = good ? half * dz : zero;
   const V s0 = q[0] - q[1] * x - q[2] * y - q[3] * z;
   const V x0 = q[1] + q[0] * x + q[2] * z - q[3] * y;
   const V y0 = q[2] + q[0] * y + q[3] * x - q[1] * z;
   const V z0 = q[3] + q[0] * z + q[1] * y - q[2] * x;
-  const V length = square_root<Real>(s0 * s0 + x0 * x0 + y0 * y0 + z0 * z0);
-  const V scale = Real(1) / length;
-  q[0] = s0 * scale;
-  q[1] = x0 * scale;
-  q[2] = y0 * scale;
-  q[3] = z0 * scale;
-  return good ? step : zero + Real(1e30);
+  const V scale = inverse_length<Real>(s0 * s0 + x0 * x0 + y0 * y0 + z0 * z0);
+  const V turned[4] = {s0 * scale, x0 * scale, y0 * scale, z0 * scale};
+  const V reached = good ? length : zero + Real(1e30);
+  if constexpr (first) {
+    for (int k = 0; k < 4; ++k) q[k] = turned[k];
+    step = reached;
+  } else {
+    const auto done = step < zero + short_step<Real>;
+    for (int k = 0; k < 4; ++k) q[k] = done ? q[k] : turned[k];
+    step = done ? step : reached;
+  }
 }
 
 // `count` numbers (4, 8 or 16) in double precision from memory, and back.
@@ -169,7 +194,7 @@ template <class Real>
 struct Turning {
   Lanes<Real> f[9];                     // deformation gradients, row major
   Lanes<Real> q[4];                     // result
-  Lanes<Real> step;                     // |last step|^2
+  Lanes<Real> step;                     // |last step|^2 of each lane, rad^2
   int count = 0;                        // elements that exist
   double* rotations = nullptr;          // [4*count] warm start in, result out
   const std::uint8_t* alive = nullptr;  // [count] if some are removed: those keep what they have
@@ -186,7 +211,7 @@ __attribute__((noinline)) void finish_lanes(Turning<Real>& t) {
       for (int k = 0; k < 4; ++k) t.q[k][l] = static_cast<Real>(rotation[k]);
       continue;
     }
-    if (t.step[l] < last_step_limit<Real>) {
+    if (t.step[l] < short_step<Real>) {
       for (int k = 0; k < 4; ++k) rotation[k] = static_cast<double>(t.q[k][l]);
       continue;
     }
@@ -201,12 +226,18 @@ __attribute__((noinline)) void finish_lanes(Turning<Real>& t) {
 template <class Real>
 SULCUS_INLINE void rotate(Turning<Real>* tile, int registers) {
   for (int r = 0; r < registers; ++r) load_quaternions<Real>(tile[r].rotations, tile[r].count, tile[r].q);
-  for (int i = 0; i < newton_steps<Real>; ++i) {
-    for (int r = 0; r < registers; ++r) tile[r].step = newton_step<Real>(tile[r].f, tile[r].q);
+  const auto done = [](const Turning<Real>& t) {
+    return all_lanes(t.step < Lanes<Real>{} + short_step<Real>);
+  };
+  for (int r = 0; r < registers; ++r) newton_step<Real, true>(tile[r].f, tile[r].q, tile[r].step);
+  for (int i = 1; i < newton_steps<Real>; ++i) {
+    for (int r = 0; r < registers; ++r) {
+      if (!done(tile[r])) newton_step<Real, false>(tile[r].f, tile[r].q, tile[r].step);
+    }
   }
   for (int r = 0; r < registers; ++r) {
     Turning<Real>& t = tile[r];
-    if (t.alive == nullptr && all_lanes(t.step < Lanes<Real>{} + last_step_limit<Real>)) {
+    if (t.alive == nullptr && done(t)) {
       store_quaternions<Real>(t.q, t.count, t.rotations);
     } else {
       finish_lanes<Real>(t);

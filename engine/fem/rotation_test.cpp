@@ -114,7 +114,7 @@ void check(const Mat3& r, const Mat3& f, double rounding, Worst& worst) {
     worst.rotation = std::fmax(worst.rotation, expected.certainty * (r - expected.r).norm());
 }
 
-constexpr std::size_t gradients = 1'000'000;
+constexpr std::size_t million = 1'000'000;
 
 TEST(PolarRotation, AgreesWithADoubleSvdOnAMillionGradientsOfEveryKind) {
   const std::uint64_t seed = 11;
@@ -124,7 +124,7 @@ TEST(PolarRotation, AgreesWithADoubleSvdOnAMillionGradientsOfEveryKind) {
 #pragma omp parallel for schedule(static)
   for (std::size_t part = 0; part < parts; ++part) {
     std::mt19937_64 random(seed + part);
-    for (std::size_t i = 0; i < gradients / parts; ++i) {
+    for (std::size_t i = 0; i < million / parts; ++i) {
       const Gradient g = make_gradient(i, random);
       check(rotation_matrix(polar_rotation(g.f, g.start)), g.f, 2e-16, worst[part]);
     }
@@ -136,17 +136,17 @@ TEST(PolarRotation, AgreesWithADoubleSvdOnAMillionGradientsOfEveryKind) {
   }
 }
 
-// Elements of one node each and three more, so that every element has a gradient of its own.
+// Rotations [4*elements] by the kernel, of elements with a gradient each. gradients: rounded to what the
+// kernel sees of them.
 template <class Real>
-Worst through_the_kernel(std::size_t count, Isa isa, std::uint64_t seed) {
-  std::mt19937_64 random(seed);
+std::vector<double> through_the_kernel(std::vector<Gradient>& gradients, Isa isa) {
   constexpr std::size_t lanes = ElementData::lanes;
-  std::vector<Mat3> f(count);
+  const std::size_t count = gradients.size();
   std::vector<double> rotations(4 * count);
   AlignedVector<Real> rest(12 * count), fields(32 * count), records(16 * count), forces(16 * count);
   std::vector<std::int32_t> nodes(4 * count);
   for (std::size_t e = 0; e < count; ++e) {
-    const Gradient g = make_gradient(e, random);
+    Gradient& g = gradients[e];
     for (std::size_t a = 0; a < 4; ++a) {
       nodes[(e / lanes * 4 + a) * lanes + e % lanes] = static_cast<std::int32_t>(4 * e + a);
     }
@@ -155,7 +155,7 @@ Worst through_the_kernel(std::size_t count, Isa isa, std::uint64_t seed) {
       for (int j = 0; j < 3; ++j) {  // f = I + displacements of the corners 1, 2, 3
         const Real displacement = static_cast<Real>(g.f(i, j) - (i == j));
         fields[8 * (4 * e + static_cast<std::size_t>(j) + 1) + static_cast<std::size_t>(i)] = displacement;
-        f[e](i, j) = static_cast<double>(displacement + Real(i == j));
+        g.f(i, j) = static_cast<double>(displacement + Real(i == j));
       }
     }
     const double start[4] = {g.start.s, g.start.x, g.start.y, g.start.z};
@@ -170,10 +170,16 @@ Worst through_the_kernel(std::size_t count, Isa isa, std::uint64_t seed) {
   pass.records = records.data();
   pass.forces = forces.data();
   fem_kernels<Real>(isa).element_pass(pass, 0, static_cast<std::int64_t>(count / lanes));
+  return rotations;
+}
+
+template <class Real>
+Worst worst_through_the_kernel(std::vector<Gradient> gradients, Isa isa) {
+  const std::vector<double> rotations = through_the_kernel<Real>(gradients, isa);
   Worst worst;
-  for (std::size_t e = 0; e < count; ++e) {
+  for (std::size_t e = 0; e < gradients.size(); ++e) {
     const double* q = &rotations[4 * e];
-    check(rotation_matrix({q[0], q[1], q[2], q[3]}), f[e], sizeof(Real) == 4 ? 6e-8 : 2e-16, worst);
+    check(rotation_matrix({q[0], q[1], q[2], q[3]}), gradients[e].f, sizeof(Real) == 4 ? 6e-8 : 2e-16, worst);
     if (!std::isfinite(q[0] + q[1] + q[2] + q[3])) worst.trace = INFINITY;
   }
   return worst;
@@ -181,14 +187,17 @@ Worst through_the_kernel(std::size_t count, Isa isa, std::uint64_t seed) {
 
 template <class Real>
 Worst million_through_the_kernel() {
-  constexpr std::size_t parts = 25, count = gradients / 2 / parts;  // half a million in each precision
+  constexpr std::size_t parts = 25, count = million / 2 / parts;  // half a million in each precision
   static_assert(count % ElementData::lanes == 0);
   std::vector<Worst> worst(parts);
 #pragma omp parallel for schedule(static)
   for (std::size_t part = 0; part < parts; ++part) {
     const Isa isa =
         static_cast<Isa>(std::min<int>(static_cast<int>(part % 3), static_cast<int>(widest_isa())));
-    worst[part] = through_the_kernel<Real>(count, isa, 100 + part);
+    std::mt19937_64 random(100 + part);
+    std::vector<Gradient> some;
+    for (std::size_t e = 0; e < count; ++e) some.push_back(make_gradient(e, random));
+    worst[part] = worst_through_the_kernel<Real>(std::move(some), isa);
   }
   Worst all;
   for (const Worst& w : worst) {
@@ -208,6 +217,47 @@ TEST(RotationKernel, AgreesWithADoubleSvdOnAMillionGradientsOfEveryKind) {
   EXPECT_LT(twice.orthogonality, 1e-13);
   EXPECT_LT(twice.trace, 2e-12);
   EXPECT_LT(twice.rotation, 1e-9);
+}
+
+// Strained by up to a third, and warm starts from a thousandth of a milliradian to a third of a radian away.
+std::vector<Gradient> warm_gradients(std::size_t count) {
+  std::mt19937_64 random(7);
+  std::vector<Gradient> some;
+  for (std::size_t e = 0; e < count; ++e) {
+    const auto stretch = [&] { return uniform(random, 0.7, 1.3); };
+    const Mat3 v = random_rotation(random);
+    const double x = stretch(), y = stretch(), z = stretch();
+    const Mat3 r = random_rotation(random);
+    Vec3 away(uniform(random, -1, 1), uniform(random, -1, 1), uniform(random, -1, 1));
+    away *= std::pow(10.0, uniform(random, -6, -0.5)) / std::sqrt(away.squaredNorm());
+    const Mat3 start = r * rotation_matrix(quaternion_from_rotation_vector({away[0], away[1], away[2]}));
+    some.push_back({Kind::random, r * v * Vec3(x, y, z).asDiagonal() * v.transpose(),
+                    polar_rotation(start, Quaternion{1, 0, 0, 0})});
+  }
+  return some;
+}
+
+TEST(RotationKernel, IsExactFromWarmStartsOfEveryDistance) {
+  const Worst single = worst_through_the_kernel<float>(warm_gradients(16'000), widest_isa());
+  EXPECT_LT(single.orthogonality, 1e-6);
+  EXPECT_LT(single.rotation, 2e-6);
+  const Worst twice = worst_through_the_kernel<double>(warm_gradients(16'000), widest_isa());
+  EXPECT_LT(twice.orthogonality, 1e-14);
+  EXPECT_LT(twice.rotation, 1e-14);
+}
+
+// Neighbours in a register need different numbers of steps, and which are neighbours depends on its width.
+TEST(RotationKernel, GivesAnElementTheSameBitsWhateverItsNeighboursNeed) {
+  std::vector<Gradient> some = warm_gradients(16'000), reversed(some.rbegin(), some.rend());
+  const std::vector<double> one_way = through_the_kernel<float>(some, Isa::sse2);
+  for (int isa = 0; isa <= static_cast<int>(widest_isa()); ++isa) {
+    const std::vector<double> other_way = through_the_kernel<float>(reversed, static_cast<Isa>(isa));
+    for (std::size_t e = 0; e < some.size(); ++e) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        ASSERT_EQ(one_way[4 * e + k], other_way[4 * (some.size() - 1 - e) + k]) << "element " << e;
+      }
+    }
+  }
 }
 
 TEST(PolarRotation, KeepsTheOldRotationOfACollapsedElement) {
