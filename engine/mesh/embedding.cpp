@@ -115,7 +115,7 @@ EmbeddingMesh build_embedding(const LabelMap& map, const SeparationPairs& pairs,
   mesh.voxels_per_cell = whole_voxels(map, options.size_m);
   for (int a = 0; a < 3; ++a) mesh.grid_size[a] = (map.size[a] - 1) / mesh.voxels_per_cell[a] + 1;
 
-  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  const VoxelLinks links = build_voxel_links(map, pairs);
   CellCopies copies = make_cell_copies(map, links, mesh.grid_size, mesh.voxels_per_cell, options.superimpose);
   if (copies.position.empty()) {
     throw InputError("label map: no voxel is labelled; give an image with at least one label other than 0");
@@ -161,13 +161,14 @@ std::int32_t locate_tet_in_cell(const EmbeddingMesh& mesh, std::int32_t cell, co
   const bool any = std::count(whole.begin(), whole.end(), std::uint8_t{1}) > 0;
   std::int32_t best = 0, number = 0;
   double best_smallest = -std::numeric_limits<double>::infinity();
-  for (const CornerTet& corners : cell_tets(mesh.split, mesh.mirrored, position)) {
-    const std::array<double, 4> w = corner_tet_weights(corners, local);
+  for (const TetMap& map : cell_tet_maps(mesh.split, mesh.mirrored, position)) {
+    const std::array<double, 4> w = tet_weights(map, local);
     const double smallest = std::min({w[0], w[1], w[2], w[3]});
     if ((!any || whole[number]) && smallest > best_smallest) {
       best_smallest = smallest;
       best = number;
       weights = w;
+      if (smallest > 0) break;  // within it, so outside all others
     }
     ++number;
   }

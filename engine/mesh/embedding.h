@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "engine/volume/label_map.h"
+#include "engine/volume/large_array.h"
 #include "engine/volume/separation.h"
 
 namespace sulcus {
@@ -46,7 +47,7 @@ struct EmbeddingMesh {
   std::vector<std::array<std::int32_t, 2>> cell_links;  // [links] linked copies, a < b, sorted
 
   // Voxels
-  std::vector<std::int32_t> cell_of_voxel;  // [voxels] owning copy; -1 for empty or left-out voxels
+  LargeVector<std::int32_t> cell_of_voxel;  // [voxels] owning copy; -1 for empty or left-out voxels
 
   // Nodes and tetrahedra. Tetrahedra of cell c are c*tets_per_cell ... ; all have positive volume.
   std::vector<Vec3> rest_positions;               // [nodes], m, world

@@ -64,7 +64,7 @@ void voxel_links(benchmark::State& state) {
   omp_set_num_threads(static_cast<int>(state.range(0)));
   std::size_t sum = 0;
   for (auto _ : state) {
-    const std::vector<std::uint8_t> links = build_voxel_links(map, pairs());
+    const VoxelLinks links = build_voxel_links(map, pairs());
     benchmark::DoNotOptimize(links.data());
     sum = links[links.size() / 2];
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <numeric>
+#include <span>
 
 #include "engine/volume/large_array.h"
 #include "engine/volume/voxel_links.h"
@@ -66,8 +67,8 @@ struct CellLayer {
 // Finds the pieces of one grid cell after another; scratch of one thread.
 class CellSplitter {
  public:
-  CellSplitter(const LabelMap& map, const std::vector<std::uint8_t>& links, bool superimpose,
-               std::vector<std::int32_t>& copy_of_voxel)
+  CellSplitter(const LabelMap& map, const VoxelLinks& links, bool superimpose,
+               std::span<std::int32_t> copy_of_voxel)
       : map_(map), links_(links), superimpose_(superimpose), copy_of_voxel_(copy_of_voxel) {}
 
   void split(const Box& box, const Index3& cell, CellLayer& layer) {
@@ -209,26 +210,40 @@ class CellSplitter {
   }
 
   const LabelMap& map_;
-  const std::vector<std::uint8_t>& links_;
+  const VoxelLinks& links_;
   bool superimpose_;
-  std::vector<std::int32_t>& copy_of_voxel_;
+  std::span<std::int32_t> copy_of_voxel_;
   std::vector<std::int32_t> tentative_, parent_, piece_;
   std::vector<std::vector<std::int32_t>> labels_;  // of each piece, in voxel order
   std::vector<Link> counts_;
 };
 
+// Adds to the numbers of the box' voxels that have one.
+void add_to_voxels(const LabelMap& map, const Box& box, std::int32_t add, std::int32_t* copy_of_voxel) {
+  for (int k = box.begin[2]; k < box.end[2]; ++k) {
+    for (int j = box.begin[1]; j < box.end[1]; ++j) {
+      std::int32_t* voxel = copy_of_voxel + map.index(box.begin[0], j, k);
+      for (int n = 0; n < box.end[0] - box.begin[0]; ++n) voxel[n] += voxel[n] >= 0 ? add : 0;
+    }
+  }
+}
+
 }  // namespace
 
-CellCopies make_cell_copies(const LabelMap& map, const std::vector<std::uint8_t>& links, const Index3& grid,
+CellCopies make_cell_copies(const LabelMap& map, const VoxelLinks& links, const Index3& grid,
                             const Index3& voxels_per_cell, bool superimpose) {
   CellCopies copies;
-  copies.copy_of_voxel = large_vector<std::int32_t>(map.voxel_count(), -1);
+  copies.copy_of_voxel.resize(map.voxel_count());
   std::vector<CellLayer> layers(static_cast<std::size_t>(grid[2]));
+  const auto plane = static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1];
 #pragma omp parallel
   {
     CellSplitter splitter(map, links, superimpose, copies.copy_of_voxel);
 #pragma omp for schedule(static, 1)
     for (int k = 0; k < grid[2]; ++k) {
+      const Box layer = cell_box(map, voxels_per_cell, {0, 0, k});
+      std::fill(copies.copy_of_voxel.begin() + plane * layer.begin[2],
+                copies.copy_of_voxel.begin() + plane * layer.end[2], -1);
       for (int j = 0; j < grid[1]; ++j) {
         for (int i = 0; i < grid[0]; ++i) {
           splitter.split(cell_box(map, voxels_per_cell, {i, j, k}), {i, j, k}, layers[k]);
@@ -247,12 +262,14 @@ CellCopies make_cell_copies(const LabelMap& map, const std::vector<std::uint8_t>
     copies.voxels.insert(copies.voxels.end(), layer.voxels.begin(), layer.voxels.end());
     copies.label.insert(copies.label.end(), layer.label.begin(), layer.label.end());
   }
-  const std::size_t plane = static_cast<std::size_t>(map.size[0]) * map.size[1];
-#pragma omp parallel for schedule(static)
-  for (int k = 0; k < map.size[2]; ++k) {
-    const std::int32_t add = offset[k / voxels_per_cell[2]];
-    std::int32_t* voxel = copies.copy_of_voxel.data() + plane * k;
-    for (std::size_t v = 0; v < plane; ++v) voxel[v] += voxel[v] >= 0 ? add : 0;
+  const auto places = static_cast<std::ptrdiff_t>(grid[0]) * grid[1];
+#pragma omp parallel for schedule(static, 1)
+  for (int k = 0; k < grid[2]; ++k) {
+    for (std::ptrdiff_t g = places * k; g < places * (k + 1); ++g) {
+      if (copies.first_copy[g] == copies.first_copy[g + 1]) continue;
+      const int i = static_cast<int>(g % grid[0]), j = static_cast<int>(g / grid[0] % grid[1]);
+      add_to_voxels(map, cell_box(map, voxels_per_cell, {i, j, k}), offset[k], copies.copy_of_voxel.data());
+    }
   }
   return copies;
 }
@@ -261,9 +278,9 @@ namespace {
 
 // Links between grid cell `cell` and its neighbour along `axis`, appended unsorted, several times if found
 // so.
-void links_to_neighbour(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                        const Index3& voxels_per_cell, const CellCopies& copies, const Index3& cell, int axis,
-                        bool single, std::vector<Link>& found) {
+void links_to_neighbour(const LabelMap& map, const VoxelLinks& links, const Index3& voxels_per_cell,
+                        const CellCopies& copies, const Index3& cell, int axis, bool single,
+                        std::vector<Link>& found) {
   Box box = cell_box(map, voxels_per_cell, cell);
   box.begin[axis] = box.end[axis] - 1;
   const auto bit = static_cast<std::uint8_t>(1 << axis);
@@ -285,9 +302,8 @@ void links_to_neighbour(const LabelMap& map, const std::vector<std::uint8_t>& li
 
 }  // namespace
 
-std::vector<Link> make_cell_links(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                                  const Index3& grid, const Index3& voxels_per_cell, const CellCopies& copies,
-                                  bool superimpose) {
+std::vector<Link> make_cell_links(const LabelMap& map, const VoxelLinks& links, const Index3& grid,
+                                  const Index3& voxels_per_cell, const CellCopies& copies, bool superimpose) {
   std::vector<std::vector<Link>> layers(static_cast<std::size_t>(grid[2]));
   const std::ptrdiff_t stride[3] = {1, grid[0], static_cast<std::ptrdiff_t>(grid[0]) * grid[1]};
 #pragma omp parallel

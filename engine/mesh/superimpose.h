@@ -7,6 +7,8 @@
 
 #include "engine/numerics/types.h"
 #include "engine/volume/label_map.h"
+#include "engine/volume/large_array.h"
+#include "engine/volume/voxel_links.h"
 
 namespace sulcus {
 
@@ -16,19 +18,18 @@ struct CellCopies {
   std::vector<Index3> position;      // [copies]
   std::vector<std::int32_t> voxels;  // [copies] voxels owned
   std::vector<std::int32_t> label;   // [copies] most frequent label, the first to occur at ties
-  std::vector<std::int32_t> copy_of_voxel;  // [voxels], -1 for empty voxels
+  LargeVector<std::int32_t> copy_of_voxel;  // [voxels], -1 for empty voxels
 };
 
 // One copy for each connected piece of voxels within a grid cell (or for all its voxels if not
 // `superimpose`), ordered by grid position, then by first voxel. links: see volume/voxel_links.h. Throws
 // InputError if the grid or the tetrahedra (tets_per_cell each) would outgrow 32 bits.
-CellCopies make_cell_copies(const LabelMap& map, const std::vector<std::uint8_t>& links, const Index3& grid,
+CellCopies make_cell_copies(const LabelMap& map, const VoxelLinks& links, const Index3& grid,
                             const Index3& voxels_per_cell, bool superimpose);
 
 // Copies joined by a voxel face between two grid cells, a < b, sorted. Not `superimpose`: all face
 // neighbours.
-std::vector<std::array<std::int32_t, 2>> make_cell_links(const LabelMap& map,
-                                                         const std::vector<std::uint8_t>& links,
+std::vector<std::array<std::int32_t, 2>> make_cell_links(const LabelMap& map, const VoxelLinks& links,
                                                          const Index3& grid, const Index3& voxels_per_cell,
                                                          const CellCopies& copies, bool superimpose);
 

@@ -244,7 +244,7 @@ class SurfaceBuilder {
 
   const LabelMap& map_;
   const EmbeddingMesh& mesh_;
-  std::vector<std::uint8_t> links_;
+  VoxelLinks links_;
   std::array<std::vector<std::int32_t>, 2> slot_;  // corner number at the grid places of two planes
   std::vector<SurfaceCorner> corners_;
   std::vector<SurfaceVertex> vertices_;

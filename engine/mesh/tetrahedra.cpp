@@ -38,36 +38,57 @@ constexpr std::array<CornerTet, Count> oriented(const CornerTet (&tets)[Count], 
   return result;
 }
 
-constexpr auto even_right = oriented(even_five, false), even_left = oriented(even_five, true);
-constexpr auto odd_right = oriented(odd_five, false), odd_left = oriented(odd_five, true);
-constexpr auto six_right = oriented(six, false), six_left = oriented(six, true);
+// Barycentric coordinates by Cramer's rule; edges and volumes are small whole numbers.
+constexpr TetMap map_of(const CornerTet& t) {
+  TetMap map{};
+  map[0][0] = 1;
+  for (int v = 1; v < 4; ++v) {
+    const std::uint8_t after = t[v % 3 + 1], behind = t[(v + 1) % 3 + 1];
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3, c = (a + 2) % 3;
+      const auto edge = [&](std::uint8_t corner, int axis) {
+        return coordinate(corner, axis) - coordinate(t[0], axis);
+      };
+      const int area = edge(after, b) * edge(behind, c) - edge(after, c) * edge(behind, b);
+      const double slope = static_cast<double>(area) / volume(t);
+      map[v][a + 1] = slope;
+      map[v][0] -= slope * coordinate(t[0], a);
+    }
+    for (int k = 0; k < 4; ++k) map[0][k] -= map[v][k];
+  }
+  return map;
+}
+
+template <std::size_t Count>
+struct Split {
+  std::array<CornerTet, Count> tets;
+  std::array<TetMap, Count> maps{};
+  constexpr Split(const CornerTet (&corners)[Count], bool mirrored) : tets(oriented(corners, mirrored)) {
+    for (std::size_t t = 0; t < Count; ++t) maps[t] = map_of(tets[t]);
+  }
+};
+
+constexpr Split<5> even_right(even_five, false), even_left(even_five, true);
+constexpr Split<5> odd_right(odd_five, false), odd_left(odd_five, true);
+constexpr Split<6> six_right(six, false), six_left(six, true);
+
+// What `use` makes of the split of a cell.
+template <class Use>
+auto with_split(TetSplit split, bool mirrored, const Index3& cell, Use&& use) {
+  if (split == TetSplit::six) return use(mirrored ? six_left : six_right);
+  if ((cell[0] + cell[1] + cell[2]) & 1) return use(mirrored ? odd_left : odd_right);
+  return use(mirrored ? even_left : even_right);
+}
 
 }  // namespace
 
 std::span<const CornerTet> cell_tets(TetSplit split, bool mirrored, const Index3& cell) {
-  if (split == TetSplit::six) return mirrored ? six_left : six_right;
-  if ((cell[0] + cell[1] + cell[2]) & 1) return mirrored ? odd_left : odd_right;
-  return mirrored ? even_left : even_right;
+  return with_split(split, mirrored, cell,
+                    [](const auto& of) { return std::span<const CornerTet>(of.tets); });
 }
 
-std::array<double, 4> corner_tet_weights(const CornerTet& tet, const Vec3& point) {
-  // Cramer's rule; the edges and determinants are small whole numbers.
-  double e[3][3], p[3];
-  for (int a = 0; a < 3; ++a) {
-    for (int v = 0; v < 3; ++v) e[v][a] = coordinate(tet[v + 1], a) - coordinate(tet[0], a);
-    p[a] = point[a] - coordinate(tet[0], a);
-  }
-  const auto triple = [](const double* a, const double* b, const double* c) {
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
-           a[2] * (b[0] * c[1] - b[1] * c[0]);
-  };
-  const double whole = triple(e[0], e[1], e[2]);
-  std::array<double, 4> weights{};
-  weights[1] = triple(p, e[1], e[2]) / whole;
-  weights[2] = triple(e[0], p, e[2]) / whole;
-  weights[3] = triple(e[0], e[1], p) / whole;
-  weights[0] = 1.0 - weights[1] - weights[2] - weights[3];
-  return weights;
+std::span<const TetMap> cell_tet_maps(TetSplit split, bool mirrored, const Index3& cell) {
+  return with_split(split, mirrored, cell, [](const auto& of) { return std::span<const TetMap>(of.maps); });
 }
 
 }  // namespace sulcus

@@ -18,7 +18,18 @@ using CornerTet = std::array<std::uint8_t, 4>;  // corners of a cell, positive v
 // cell.
 std::span<const CornerTet> cell_tets(TetSplit split, bool mirrored, const Index3& cell);
 
-// Barycentric coordinates of a point given in the cell's unit cube.
-std::array<double, 4> corner_tet_weights(const CornerTet& tet, const Vec3& point);
+// Barycentric coordinates of a tetrahedron of the cell's unit cube: the coordinate of corner v at the point p
+// is map[v][0] + map[v][1] p_x + map[v][2] p_y + map[v][3] p_z.
+using TetMap = std::array<std::array<double, 4>, 4>;
+
+// Those of the tetrahedra of cell_tets, in the same order.
+std::span<const TetMap> cell_tet_maps(TetSplit split, bool mirrored, const Index3& cell);
+
+inline std::array<double, 4> tet_weights(const TetMap& map, const Vec3& point) {
+  std::array<double, 4> weights;
+  for (std::size_t v = 0; v < 4; ++v)
+    weights[v] = map[v][0] + map[v][1] * point[0] + map[v][2] * point[1] + map[v][3] * point[2];
+  return weights;
+}
 
 }  // namespace sulcus

@@ -33,7 +33,7 @@ class Sets {
 }  // namespace
 
 Pieces voxel_pieces(const LabelMap& map, const SeparationPairs& pairs) {
-  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  const VoxelLinks links = build_voxel_links(map, pairs);
   const auto count = static_cast<std::int32_t>(map.voxel_count());
   const std::int32_t row = map.size[0], plane = map.size[0] * map.size[1];
   Sets sets(map.voxel_count());

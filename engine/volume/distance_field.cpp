@@ -34,7 +34,7 @@ DistanceField build_distance_field(const LabelMap& map, const SeparationPairs& p
   const bool empty =
       std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; });
   if (empty) return {distance_to_border(map)};
-  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  const VoxelLinks links = build_voxel_links(map, pairs);
   DistanceField field{face_distance(map.size, map.spacing, links)};
   if (kind == DistanceKind::smooth) smooth_near_boundary(map, links, field.distance);
   return field;

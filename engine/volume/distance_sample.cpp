@@ -43,10 +43,28 @@ Corner8 corners_around(const LabelMap& map, const Index3& low) {
   return corners;
 }
 
+// Those of `open`, of the 8 as bits, that connect with `start` over faces.
+unsigned reach_within(unsigned open, int start) {
+  unsigned reached = 1U << start, before = 0;
+  while (reached != before) {
+    before = reached;
+    reached |= (reached & 0x55) << 1 | (reached & 0xaa) >> 1;
+    reached |= (reached & 0x33) << 2 | (reached & 0xcc) >> 2;
+    reached |= (reached & 0x0f) << 4 | (reached & 0xf0) >> 4;
+    reached &= open;
+  }
+  return reached;
+}
+
 // Those of the 8 that connect with `start` within the 8, as bits.
 unsigned reach(const Corner8& corners, const SeparationPairs& pairs, int start) {
-  const auto same = [&](std::int32_t label) { return label != 0 && label == corners.label[0]; };
-  if (std::all_of(corners.label, corners.label + 8, same)) return 255;
+  const std::int32_t own = corners.label[start];
+  unsigned same = 0, others = 0;  // labelled as the start, and labelled otherwise
+  for (int c = 0; c < 8; ++c) {
+    same |= static_cast<unsigned>(corners.label[c] == own) << c;
+    others |= static_cast<unsigned>(corners.label[c] != 0) << c;
+  }
+  if ((others & ~same) == 0) return reach_within(same, start);
   unsigned reached = 1U << start, front = reached;
   while (front) {
     const int c = __builtin_ctz(front);
@@ -129,9 +147,10 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
   Index3 low;
   double t[3];  // position between the two centres along each axis
   for (int a = 0; a < 3; ++a) {
-    const double floor = std::floor(std::clamp(point_voxel[a], -1e9, 1e9));
-    low[a] = static_cast<int>(floor);
-    t[a] = point_voxel[a] - floor;
+    const double place = std::clamp(point_voxel[a], -1e9, 1e9);
+    low[a] = static_cast<int>(place);
+    if (low[a] > place) --low[a];
+    t[a] = point_voxel[a] - low[a];
   }
   const Corner8 corners = corners_around(map, low);
   const Index3 home_at = voxel_at(map, home);
@@ -160,18 +179,23 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
   const unsigned inside = start >= 0 ? reach(corners, pairs, start) : 0U;
 
   DistanceSample sample;
-  double slope[3] = {0, 0, 0};  // m a voxel
+  double value[8];  // m
   for (int c = 0; c < 8; ++c) {
     const double size = corners.whole ? static_cast<double>(field.distance[corners.voxel[c]])
                                       : distance_at(map, field, corners.at[c]);
-    const double value = (inside >> c & 1U ? -1.0 : 1.0) * size;
-    double weight[3];
-    for (int a = 0; a < 3; ++a) weight[a] = c >> a & 1 ? t[a] : 1.0 - t[a];
-    sample.distance += weight[0] * weight[1] * weight[2] * value;
-    for (int a = 0; a < 3; ++a) {
-      slope[a] += (c >> a & 1 ? value : -value) * weight[(a + 1) % 3] * weight[(a + 2) % 3];
-    }
+    value[c] = inside >> c & 1U ? -size : size;
   }
+  // along i, then j, then k; slopes in m a voxel
+  const auto between = [](double a, double b, double part) { return a + part * (b - a); };
+  double along[4], step[4];
+  for (int c = 0; c < 4; ++c) {
+    step[c] = value[2 * c + 1] - value[2 * c];
+    along[c] = value[2 * c] + t[0] * step[c];
+  }
+  const double low_k = between(along[0], along[1], t[1]), high_k = between(along[2], along[3], t[1]);
+  sample.distance = between(low_k, high_k, t[2]);
+  const double slope[3] = {between(between(step[0], step[1], t[1]), between(step[2], step[3], t[1]), t[2]),
+                           between(along[1] - along[0], along[3] - along[2], t[2]), high_k - low_k};
   for (int a = 0; a < 3; ++a) {
     for (int r = 0; r < 3; ++r) sample.gradient[r] += map.direction(r, a) * (slope[a] / map.spacing[a]);
   }

@@ -33,7 +33,7 @@ BandVoxel describe_inner(std::size_t voxel, const std::uint8_t* links, const std
   return {static_cast<std::int32_t>(voxel), all_neighbours, static_cast<std::uint8_t>(flipped), 0};
 }
 
-BandVoxel describe(const LabelMap& map, const std::vector<std::uint8_t>& links, const Index3& at) {
+BandVoxel describe(const LabelMap& map, const VoxelLinks& links, const Index3& at) {
   const std::ptrdiff_t step[3] = {1, map.size[0], static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1]};
   const std::size_t voxel = map.index(at[0], at[1], at[2]);
   BandVoxel band{static_cast<std::int32_t>(voxel), 0, 0, 0};
@@ -59,7 +59,7 @@ BandVoxel describe(const LabelMap& map, const std::vector<std::uint8_t>& links, 
 }
 
 // Counts first and fills then: memory that grows would cost more than the search.
-LargeVector<BandVoxel> find_band(const LabelMap& map, const std::vector<std::uint8_t>& links,
+LargeVector<BandVoxel> find_band(const LabelMap& map, const VoxelLinks& links,
                                  std::span<const float> distance) {
   const auto limit = static_cast<float>(2 * std::max({map.spacing[0], map.spacing[1], map.spacing[2]}));  // m
   const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1];
@@ -94,8 +94,7 @@ LargeVector<BandVoxel> find_band(const LabelMap& map, const std::vector<std::uin
 
 }  // namespace
 
-void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                          std::span<float> distance) {
+void smooth_near_boundary(const LabelMap& map, const VoxelLinks& links, std::span<float> distance) {
   const std::ptrdiff_t step[3] = {1, map.size[0], static_cast<std::ptrdiff_t>(map.size[0]) * map.size[1]};
   const LargeVector<BandVoxel> band = find_band(map, links, distance);
   LargeVector<float> next(band.size());

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "engine/volume/label_map.h"
+#include "engine/volume/voxel_links.h"
 
 namespace sulcus {
 
@@ -15,7 +16,6 @@ namespace sulcus {
 // every side sees its own signed distance, also at a pair, and a flat boundary stays where it is, exactly.
 // Values stay >= 0. links: as build_voxel_links gives them. distance: [voxels], m. Deterministic for any
 // thread count.
-void smooth_near_boundary(const LabelMap& map, const std::vector<std::uint8_t>& links,
-                          std::span<float> distance);
+void smooth_near_boundary(const LabelMap& map, const VoxelLinks& links, std::span<float> distance);
 
 }  // namespace sulcus

@@ -91,7 +91,7 @@ void root_row(const float* from, int count, float* to) {
 
 class Transform {
  public:
-  Transform(const Index3& size, const Vec3& spacing, const std::vector<std::uint8_t>& links)
+  Transform(const Index3& size, const Vec3& spacing, const VoxelLinks& links)
       : nx_(size[0]),
         ny_(size[1]),
         nz_(size[2]),
@@ -278,7 +278,7 @@ class Transform {
 
   int nx_, ny_, nz_;
   std::size_t plane_;
-  const std::vector<std::uint8_t>& links_;
+  const VoxelLinks& links_;
   std::vector<float> squares_[3];
   LargeVector<float> whole_;    // [nz][ny][nx] planes of voxel centres
   LargeVector<float> between_;  // [nz + 1][ny][nx] planes between them
@@ -287,8 +287,7 @@ class Transform {
 
 }  // namespace
 
-LargeVector<float> face_distance(const Index3& size, const Vec3& spacing,
-                                 const std::vector<std::uint8_t>& links) {
+LargeVector<float> face_distance(const Index3& size, const Vec3& spacing, const VoxelLinks& links) {
   return Transform(size, spacing, links).run();
 }
 

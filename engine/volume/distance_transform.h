@@ -11,12 +11,12 @@
 
 #include "engine/numerics/types.h"
 #include "engine/volume/large_array.h"
+#include "engine/volume/voxel_links.h"
 
 namespace sulcus {
 
 // links: as build_voxel_links gives them, with at least one labelled voxel. Returns distances [voxels], m.
 // Memory: 8 bytes a voxel, the result included.
-LargeVector<float> face_distance(const Index3& size, const Vec3& spacing,
-                                 const std::vector<std::uint8_t>& links);
+LargeVector<float> face_distance(const Index3& size, const Vec3& spacing, const VoxelLinks& links);
 
 }  // namespace sulcus

@@ -152,7 +152,7 @@ std::int64_t fill_voids(LabelMap& map) {
 }
 
 std::int64_t drop_small_pieces(LabelMap& map, const SeparationPairs& pairs, std::int64_t minimum_voxels) {
-  const std::vector<std::uint8_t> links = build_voxel_links(map, pairs);
+  const VoxelLinks links = build_voxel_links(map, pairs);
   const std::size_t step[3] = {1, static_cast<std::size_t>(map.size[0]),
                                static_cast<std::size_t>(map.size[0]) * map.size[1]};
   std::vector<std::uint8_t> seen(map.voxel_count(), 0);

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cstring>
 
-#include "engine/volume/large_array.h"
-
 namespace sulcus {
 
 namespace {
@@ -109,7 +107,10 @@ void link_rest(const PairTable& table, const std::int32_t* row, const std::int32
     return b != 0 && (a == b || !table.separated(a, b)) ? bit : 0;
   };
   for (int i = begin; i < count; ++i) {
-    if (row[i] == 0) continue;
+    if (row[i] == 0) {
+      links[i] = 0;
+      continue;
+    }
     int found = voxel_labelled;
     if (i + 1 < count) found |= link(row[i], row[i + 1], link_i);
     if (at_j) found |= link(row[i], at_j[i], link_j);
@@ -124,7 +125,10 @@ void link_row(const PairTable& table, const std::int32_t* row, const std::int32_
   static constexpr std::int32_t nothing[block] = {};
   int i = 0;
   for (; i + block < count; i += block) {  // the neighbour at +i exists for all
-    if (all_empty(row + i)) continue;
+    if (all_empty(row + i)) {
+      std::memset(links + i, 0, block);
+      continue;
+    }
     const Neighbours next{row + i + 1, at_j ? at_j + i : nothing, at_k ? at_k + i : nothing};
     link_equal(row + i, next, links + i);
     ask_table(table, row + i, next, links + i);
@@ -134,9 +138,10 @@ void link_row(const PairTable& table, const std::int32_t* row, const std::int32_
 
 }  // namespace
 
-std::vector<std::uint8_t> build_voxel_links(const LabelMap& map, const SeparationPairs& pairs) {
+VoxelLinks build_voxel_links(const LabelMap& map, const SeparationPairs& pairs) {
   const PairTable table(pairs);
-  std::vector<std::uint8_t> links = large_vector<std::uint8_t>(map.voxel_count() + 8, 0);
+  VoxelLinks links(map.voxel_count() + 8);
+  std::fill(links.end() - 8, links.end(), std::uint8_t{0});
   const int nx = map.size[0], ny = map.size[1], nz = map.size[2];
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < nz; ++k) {

@@ -3,9 +3,9 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "engine/volume/label_map.h"
+#include "engine/volume/large_array.h"
 #include "engine/volume/separation.h"
 
 namespace sulcus {
@@ -16,9 +16,11 @@ inline constexpr std::uint8_t link_k = 4;          // ... at k + 1
 inline constexpr std::uint8_t voxel_labelled = 8;  // not empty
 inline constexpr std::uint8_t links_all = link_i | link_j | link_k;
 
+using VoxelLinks = LargeVector<std::uint8_t>;
+
 // [voxels + 8], as the label map is ordered, then 8 bytes 0 so that 8 bytes can be read from every voxel on;
 // voxels at the far border have no link across it.
 // Cost: one pass over the labels.
-std::vector<std::uint8_t> build_voxel_links(const LabelMap& map, const SeparationPairs& pairs);
+VoxelLinks build_voxel_links(const LabelMap& map, const SeparationPairs& pairs);
 
 }  // namespace sulcus
