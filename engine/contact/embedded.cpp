@@ -31,16 +31,18 @@ bool invert(const EmbeddingMesh& mesh, std::span<const double> positions, std::i
             CandidateTet& candidate) {
   const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
   candidate.tet = tet;
-  candidate.origin = node_vector(positions, nodes[0]);
-  Mat3 edges;
-  for (int c = 0; c < 3; ++c)
-    edges.col(c) = node_vector(positions, nodes[static_cast<std::size_t>(c + 1)]) - candidate.origin;
-  const Vec3 first = edges.col(1).cross(edges.col(2));
-  const double det = edges.col(0).dot(first);
+  const Vec3 origin = node_vector(positions, nodes[0]);
+  Vec3 edges[3];
+  for (std::size_t c = 0; c < 3; ++c) edges[c] = node_vector(positions, nodes[c + 1]) - origin;
+  const Vec3 areas[3] = {edges[1].cross(edges[2]), edges[2].cross(edges[0]), edges[0].cross(edges[1])};
+  const double det = edges[0].dot(areas[0]);
   if (!(std::fabs(det) > 1e-24)) return false;
-  candidate.inverse.row(0) = first / det;
-  candidate.inverse.row(1) = edges.col(2).cross(edges.col(0)) / det;
-  candidate.inverse.row(2) = edges.col(0).cross(edges.col(1)) / det;
+  candidate.weight[0] = {1, 0, 0, 0};
+  for (std::size_t c = 0; c < 3; ++c) {
+    const Vec3 slope = areas[c] / det;
+    candidate.weight[c + 1] = {-slope.dot(origin), slope[0], slope[1], slope[2]};
+    for (std::size_t k = 0; k < 4; ++k) candidate.weight[0][k] -= candidate.weight[c + 1][k];
+  }
   return true;
 }
 
@@ -143,10 +145,13 @@ Grid fill_grid(const EmbeddingMesh& mesh, std::span<const double> positions, con
 
 // Barycentric coordinates of x in a candidate; false outside.
 bool barycentric(const CandidateTet& candidate, const Vec3& x, std::array<double, 4>& weights) {
-  const Vec3 inner = candidate.inverse * (x - candidate.origin);
-  weights = {1 - inner[0] - inner[1] - inner[2], inner[0], inner[1], inner[2]};
   constexpr double edge = -1e-9;  // a point on a common face belongs to both
-  return weights[0] >= edge && weights[1] >= edge && weights[2] >= edge && weights[3] >= edge;
+  for (std::size_t c = 0; c < 4; ++c) {
+    const auto& slope = candidate.weight[c];
+    weights[c] = slope[0] + slope[1] * x[0] + slope[2] * x[1] + slope[3] * x[2];
+    if (!(weights[c] >= edge)) return false;
+  }
+  return true;
 }
 
 struct Voxel {
@@ -154,11 +159,15 @@ struct Voxel {
   std::size_t index = 0;
 };
 
+// Number of the voxel that holds a place along an axis; -2 for all that lies further before the first.
+int nearest_whole(double place) {
+  return static_cast<int>(std::clamp(place, -2.0, 1e9) + 2.5) - 2;
+}
+
 bool voxel_at(const LabelMap& map, const Vec3& point_voxel, Voxel& voxel) {
   for (std::size_t a = 0; a < 3; ++a) {
-    const double place = std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5);
-    if (!(place >= 0 && place < map.size[a])) return false;
-    voxel.at[a] = static_cast<int>(place);
+    voxel.at[a] = nearest_whole(point_voxel[static_cast<Eigen::Index>(a)]);
+    if (voxel.at[a] < 0 || voxel.at[a] >= map.size[a]) return false;
   }
   voxel.index = map.index(voxel.at[0], voxel.at[1], voxel.at[2]);
   return true;
@@ -176,10 +185,10 @@ double nearest_owned_voxel(const EmbeddedTissue& tissue, std::int32_t cell, cons
   const VoxelBox& owned = tissue.owned[static_cast<std::size_t>(cell)];
   Index3 low, high;
   for (std::size_t a = 0; a < 3; ++a) {
-    const double centre = std::floor(point_voxel[static_cast<Eigen::Index>(a)] + 0.5);
-    if (!(centre >= owned.low[a] - 1.0 && centre <= owned.high[a] + 1.0)) return -1;
-    low[a] = std::max(static_cast<int>(centre) - 1, owned.low[a]);
-    high[a] = std::min(static_cast<int>(centre) + 1, owned.high[a]);
+    const int centre = nearest_whole(point_voxel[static_cast<Eigen::Index>(a)]);
+    if (centre < owned.low[a] - 1 || centre > owned.high[a] + 1) return -1;
+    low[a] = std::max(centre - 1, owned.low[a]);
+    high[a] = std::min(centre + 1, owned.high[a]);
   }
   double best = -1;
   for (int k = low[2]; k <= high[2]; ++k) {
@@ -226,25 +235,23 @@ bool connected_straight(const LabelMap& map, const SeparationPairs& pairs, Voxel
   return true;
 }
 
-// World normal n = F^-T grad / |.|, by cofactors; false where the element is flat.
+// World normal n = cof(F) grad / |.|, by cof(F) = cof(now) rest^T / det(rest) for the edges as they are and
+// at rest; false where the element is flat.
 bool world_normal(const EmbeddingMesh& mesh, std::span<const double> positions, std::int32_t tet,
                   const Vec3& rest_normal, Vec3& normal) {
   const auto& nodes = mesh.tets[static_cast<std::size_t>(tet)];
-  Mat3 rest, now;
-  for (int a = 0; a < 3; ++a) {
-    const std::int32_t node = nodes[static_cast<std::size_t>(a + 1)];
-    rest.col(a) = mesh.rest_positions[static_cast<std::size_t>(node)] -
-                  mesh.rest_positions[static_cast<std::size_t>(nodes[0])];
-    now.col(a) = node_vector(positions, node) - node_vector(positions, nodes[0]);
+  Vec3 rest[3], now[3];
+  for (std::size_t a = 0; a < 3; ++a) {
+    const std::int32_t node = nodes[a + 1];
+    rest[a] = mesh.rest_positions[static_cast<std::size_t>(node)] -
+              mesh.rest_positions[static_cast<std::size_t>(nodes[0])];
+    now[a] = node_vector(positions, node) - node_vector(positions, nodes[0]);
   }
-  const Mat3 f = now * rest.inverse();
-  Mat3 cofactors;
-  cofactors.col(0) = f.col(1).cross(f.col(2));
-  cofactors.col(1) = f.col(2).cross(f.col(0));
-  cofactors.col(2) = f.col(0).cross(f.col(1));
-  normal = cofactors * rest_normal;
+  const double volume = rest[0].dot(rest[1].cross(rest[2]));  // six times, m^3, > 0
+  normal = rest[0].dot(rest_normal) * now[1].cross(now[2]) + rest[1].dot(rest_normal) * now[2].cross(now[0]) +
+           rest[2].dot(rest_normal) * now[0].cross(now[1]);
   const double length = std::sqrt(normal.squaredNorm());
-  if (!(length > 1e-9)) return false;
+  if (!(length > 1e-9 * volume)) return false;
   normal /= length;
   return true;
 }
@@ -303,11 +310,13 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
   const EmbeddingMesh& mesh = tissue.mesh;
   if (vertices_world.empty()) return;
   Box box{vertices_world[0], vertices_world[0]};
+  Vec3 sum = Vec3::Zero();
   for (const Vec3& v : vertices_world) {
-    if (!v.allFinite()) return;  // the step reports it as not finite
+    sum += v;
     box.low = box.low.cwiseMin(v);
     box.high = box.high.cwiseMax(v);
   }
+  if (!sum.allFinite()) return;  // the step reports it as not finite
   collect_candidates(mesh, positions, alive, box, search);
   if (search.candidates.empty()) return;
   const double cell_edge = mesh.voxels_per_cell[0] * map.spacing[0];
@@ -317,11 +326,10 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
 
   const auto count = static_cast<std::int64_t>(vertices_world.size());
   search.found.resize(vertices_world.size());
+  search.touches.assign(vertices_world.size(), 0);
   // dealt out in turns: vertices in the tissue, which cost most, stand together
 #pragma omp parallel for num_threads(search.threads) schedule(static, 8)
   for (std::int64_t vertex = 0; vertex < count; ++vertex) {
-    Contact& contact = search.found[static_cast<std::size_t>(vertex)];
-    contact.depth_m = 0;
     const Vec3& p = vertices_world[static_cast<std::size_t>(vertex)];
 
     // of the tetrahedra that hold p, the one whose copy owns the nearest voxel
@@ -367,6 +375,7 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
         mesh.cell_of_voxel[inside.index] >= 0 && connected_straight(map, pairs, home, inside)) {
       copy = mesh.cell_of_voxel[inside.index];
     }
+    Contact& contact = search.found[static_cast<std::size_t>(vertex)];
     contact.tet = locate_tet_in_cell(mesh, copy, map.to_voxel(surface), contact.weights);
     if (!alive.empty() && !alive[static_cast<std::size_t>(contact.tet)]) continue;
     if (!world_normal(mesh, positions, contact.tet, rest_normal, contact.normal)) continue;
@@ -382,9 +391,10 @@ void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double
     contact.vertex = static_cast<std::int32_t>(vertex);
     contact.arm = p - centre;
     contact.depth_m = -sample.distance;
+    search.touches[static_cast<std::size_t>(vertex)] = 1;
   }
-  for (const Contact& contact : search.found) {
-    if (contact.depth_m > 0) contacts.push_back(contact);
+  for (std::size_t vertex = 0; vertex < vertices_world.size(); ++vertex) {
+    if (search.touches[vertex]) contacts.push_back(search.found[vertex]);
   }
 }
 

@@ -46,11 +46,10 @@ struct Contact {
   Vec3 slip = Vec3::Zero();         // m/s, of the body along the tissue, where its friction is linearised
 };
 
-// A tetrahedron near the tool: weights of corners 1 to 3 are inverse * (x - origin).
+// A tetrahedron near the tool: the weight of corner v at x is weight[v][0] + weight[v][1..3] . x.
 struct CandidateTet {
   std::int32_t tet = 0;
-  Vec3 origin = Vec3::Zero();   // m, its corner 0
-  Mat3 inverse = Mat3::Zero();  // 1/m
+  std::array<std::array<double, 4>, 4> weight{};  // 1, 1/m
 };
 
 // The voxels that a cell owns lie between these two, both included.
@@ -78,7 +77,8 @@ struct ContactSearch {
   std::vector<std::vector<CandidateTet>> parts;      // [threads], near the tool
   std::vector<CandidateTet> candidates;              // the same one behind the other
   std::vector<std::int32_t> cell_start, cell_items;  // of a grid over the tool's box: candidates
-  std::vector<Contact> found;                        // [vertices]; depth 0 = none
+  std::vector<Contact> found;                        // [vertices]
+  std::vector<std::uint8_t> touches;                 // [vertices] whether there is one
 };
 
 // Appends the contacts of one tool in order of its vertices, the same for any number of threads.

@@ -7,8 +7,6 @@
 namespace sulcus {
 namespace {
 
-using Mat36 = Eigen::Matrix<double, 3, 6>;
-
 Mat3 skew(const Vec3& u) {
   Mat3 m;
   m << 0, -u[2], u[1], u[2], 0, -u[0], -u[1], u[0], 0;
@@ -107,11 +105,15 @@ void add_contact(const Scene& scene, const State& state, const Contact& contact,
                                     (law.explicit_forces ? h * law.damping_N_s_m : weight) * rate);
   if (response.slides) push += h * (response.friction + response.friction_rate * rate);
 
-  Mat36 jacobian;  // of the velocity of the body's place by the body's
-  jacobian << Mat3::Identity(), -skew(contact.arm);
+  // what the velocity of the body does at its place, whose Jacobian is (I, -skew(arm))
+  const Mat3 block = weight * response.matrix, arm = skew(contact.arm), turned = -(block * arm);
   if (tool != nullptr) {
-    tool->matrix += weight * (jacobian.transpose() * (response.matrix * jacobian));
-    tool->right_hand_side -= jacobian.transpose() * push;
+    tool->matrix.topLeftCorner<3, 3>() += block;
+    tool->matrix.topRightCorner<3, 3>() += turned;
+    tool->matrix.bottomLeftCorner<3, 3>() += turned.transpose();
+    tool->matrix.bottomRightCorner<3, 3>() += arm * turned;
+    tool->right_hand_side.head<3>() -= push;
+    tool->right_hand_side.tail<3>() -= contact.arm.cross(push);
   }
   const auto& nodes = scene.mesh.tets[static_cast<std::size_t>(contact.tet)];
   for (std::size_t c = 0; c < 4; ++c) {
@@ -123,22 +125,24 @@ void add_contact(const Scene& scene, const State& state, const Contact& contact,
     if (weight == 0) continue;
     Real* terms = &numbers.system.node_terms[16 * node];
     for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 3; ++j)
-        terms[3 * i + j] += static_cast<Real>(weight * contact.weights[c] * response.matrix(i, j));
+      for (int j = 0; j < 3; ++j) terms[3 * i + j] += static_cast<Real>(contact.weights[c] * block(i, j));
     }
     if (border == nullptr) continue;
     auto& b = border->rows[static_cast<std::size_t>(workspace.row_of_node[node])].b;
-    const Mat36 block = (-weight * contact.weights[c]) * (response.matrix * jacobian);
     for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 6; ++j) b[static_cast<std::size_t>(6 * i + j)] += static_cast<Real>(block(i, j));
+      for (int j = 0; j < 3; ++j) {
+        Real* entry = &b[static_cast<std::size_t>(6 * i + j)];
+        entry[0] -= static_cast<Real>(contact.weights[c] * block(i, j));
+        entry[3] -= static_cast<Real>(contact.weights[c] * turned(i, j));
+      }
     }
   }
   for (std::size_t k = 0; k < 6; ++k) {
-    const double scale = weight * contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
+    const double scale = contact.weights[static_cast<std::size_t>(corner_pairs[k][0])] *
                          contact.weights[static_cast<std::size_t>(corner_pairs[k][1])];
-    if (scale != 0) {
+    if (scale != 0 && weight != 0) {
       add_edge_block(scene.sparsity, scene.sparsity.tet_edges[6 * static_cast<std::size_t>(contact.tet) + k],
-                     scale * response.matrix, numbers.system);
+                     scale * block, numbers.system);
     }
   }
 }
