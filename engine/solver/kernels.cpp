@@ -264,7 +264,7 @@ void correct(const LevelView<Real>& levels, const Real* upper, std::int64_t firs
   }
 }
 
-// Columns of w D^-1 / share for the symmetric block xx xy xz yy yz zz; nothing for a node without stiffness.
+// Columns of W D^-1 / share for the symmetric block xx xy xz yy yz zz; nothing for a node without stiffness.
 template <class Real>
 SULCUS_INLINE void store_inverse(const Real* d, Real scale, Real* to) {
   using F = Four<Real>;
@@ -312,9 +312,9 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
         sum[i] += half[0] * column[0] + half[1] * column[1] + half[2] * column[2];
       }
     }
-    const Real weight = node < levels.first_node[1] ? Real(0.7) : Real(0.5);
     const Real d[6] = {sum[0][0], sum[0][1], sum[0][2], sum[1][1], sum[1][2], sum[2][2]};
-    store_inverse(d, weight * levels.up_count[node], levels.inverse + 12 * node);
+    store_inverse(d, static_cast<Real>(levels.weight[node]) * levels.up_count[node],
+                  levels.inverse + 12 * node);
   }
 }
 

@@ -32,7 +32,7 @@ struct LevelView {
   const std::int32_t *up_start = nullptr, *up_nodes = nullptr;
   const std::int32_t *down_start = nullptr, *down_nodes = nullptr;
   const std::int32_t *corner_start = nullptr, *corners = nullptr;
-  const float *stiffness = nullptr, *mass = nullptr;
+  const float *stiffness = nullptr, *mass = nullptr, *weight = nullptr;
   const Real *up_share = nullptr, *up_count = nullptr;
   const Real *share = nullptr, *turns = nullptr, *added = nullptr;
   Real *inverse = nullptr, *residual = nullptr, *correction = nullptr;

@@ -138,11 +138,32 @@ std::size_t corner_of(const EmbeddingMesh& mesh, std::int64_t cell, std::int32_t
   return static_cast<std::size_t>(std::find(nodes.begin(), nodes.end(), node) - nodes.begin());
 }
 
-// (beta h + h^2) K_aa of the corners of all cells above each tetrahedron. The interpolated function of corner
-// a has the constant gradient G = sum_i W_ia g_i in it, which gives V ((lambda + mu) G G^T + mu |G|^2 I).
+// The larger a row's entries beside its diagonal one, the smaller the weight. On a body that fills its grid
+// they are as large as that one. Along a strip thinner than a cell the functions of the corners across it are
+// nearly the same, and all of them would correct the same. products: [64*cells] gradients of the functions of
+// each pair of corners.
+void set_weights(const std::vector<double>& products, Multigrid& m) {
+  constexpr double first = 0.8, above = 0.5;  // of a body that fills its grid; docs/decisions/0005
+  std::vector<double> own(at(m.first_node.back()), 0.0), row(own);
+  for (std::size_t c = 0; c < m.cell_nodes.size(); ++c) {
+    for (std::size_t a = 0; a < 8; ++a) {
+      const auto node = at(m.cell_nodes[c][a]);
+      own[node] += products[64 * c + 9 * a];
+      for (std::size_t b = 0; b < 8; ++b) row[node] += std::fabs(products[64 * c + 8 * a + b]);
+    }
+  }
+  for (std::size_t n = 0; n < own.size(); ++n) {
+    const double share = row[n] > 0 ? 2 * own[n] / row[n] : 1;
+    m.weight.push_back(static_cast<float>((n < at(m.first_node[1]) ? first : above) * share));
+  }
+}
+
+// (beta h + h^2) K_aa of the corners of all cells above each tetrahedron, and the levels' weights. The
+// interpolated function of corner a has the constant gradient G = sum_i W_ia g_i in it, which gives V
+// ((lambda + mu) G G^T + mu |G|^2 I).
 void add_stiffness(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step,
                    std::span<const std::uint8_t> free_node, Multigrid& m) {
-  std::vector<double> stiffness(64 * at(m.first_cell.back()), 0.0);
+  std::vector<double> stiffness(64 * at(m.first_cell.back()), 0.0), products(stiffness);
   for (std::int64_t e = 0; e < elements.count; ++e) {
     const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
     Vec3 gradient[4];
@@ -166,6 +187,7 @@ void add_stiffness(const EmbeddingMesh& mesh, const ElementData& elements, const
         for (std::size_t a = 0; a < 8; ++a) sums[a] += weights[a] * gradient[i];
       }
       for (std::size_t a = 0; a < 8; ++a) {
+        for (std::size_t b = 0; b < 8; ++b) products[64 * at(cell) + 8 * a + b] += mu * sums[a].dot(sums[b]);
         const Vec3& g = sums[a];
         const double square = mu * g.squaredNorm();
         double* to = &stiffness[8 * (8 * at(cell) + a)];
@@ -180,6 +202,7 @@ void add_stiffness(const EmbeddingMesh& mesh, const ElementData& elements, const
     }
   }
   m.stiffness.assign(stiffness.begin(), stiffness.end());
+  set_weights(products, m);
 }
 
 void add_masses(const EmbeddingMesh& mesh, std::span<const double> node_weights,
@@ -266,6 +289,7 @@ LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {
   v.corners = m.corners.data();
   v.stiffness = m.stiffness.data();
   v.mass = m.mass.data();
+  v.weight = m.weight.data();
   v.up_share = w.up_share.data();
   v.up_count = w.up_count.data();
   v.share = w.share.data();

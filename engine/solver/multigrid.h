@@ -1,9 +1,10 @@
 // Additive multigrid preconditioner on the embedding grid and its coarser copies (mesh/coarsening.h):
 //
-//   z = D^-1 r + sum over levels l of w_l P_l D_l^-1 P_l^T r
+//   z = D^-1 r + sum over levels l of P_l W_l D_l^-1 P_l^T r
 //
 // P_l interpolates trilinearly from level l to the mesh, D_l are the diagonal blocks of P_l^T A P_l: those of
-// the cells at rest, turned by each cell's mean rotation, plus masses, springs and contacts. No level needs a
+// the cells at rest, turned by each cell's mean rotation, plus masses, springs and contacts. W_l is a weight
+// a node, smaller where the functions of its neighbours do nearly the same as its own. No level needs a
 // matrix, the sum is symmetric positive definite whatever the weights, and held nodes are left out exactly.
 // docs/decisions/0005 says why this form and what was measured. Bramble, Pasciak, Xu, Math. Comp. 55 (1990).
 #pragma once
@@ -36,6 +37,7 @@ struct Multigrid {
   std::vector<std::int32_t> corner_start, corners;  // of each coarse node: cell * 8 + corner
   std::vector<float> stiffness;  // [8*8*cells] (beta h + h^2) K_aa of each corner: xx xy xz yy yz zz, N s^2/m
   std::vector<float> mass;       // [nodes] kg, (1 + alpha h) M_aa and springs
+  std::vector<float> weight;     // [nodes] W
   // mean rotations
   std::vector<std::int32_t> child_start, children;  // of each cell: tetrahedra (level 0) or cells
   // what a cell loses with its tetrahedra; empty where nothing tears
@@ -60,7 +62,7 @@ struct MultigridWorkspace {
   AlignedVector<Real> share;       // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
   AlignedVector<Real> turns;       // [12*cells] columns of the mean rotations, padded to four
   AlignedVector<Real> added;       // [8*nodes] contacts, as in Multigrid::stiffness
-  AlignedVector<Real> inverse;     // [12*nodes] columns of w D^-1 / share, padded to four
+  AlignedVector<Real> inverse;     // [12*nodes] columns of W D^-1 / share, padded to four
   AlignedVector<Real> residual;    // [4*nodes of level 0] share * P^T r
   AlignedVector<Real> correction;  // [4*nodes of level 0]
   // of the higher levels: each thread works through them by itself, which is quicker than to wait
