@@ -412,6 +412,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
     for (const Tool& tool : scene.settings.tools) most = std::max(most, tool.surface.vertices.size());
     workspace->vertices.reserve(most);
     workspace->search.found.reserve(most);
+    workspace->search.touches.reserve(most);
     workspace->search.threads = threads;
     workspace->search.sides.reserve(nodes);
     workspace->search.candidates.reserve(scene.mesh.tets.size());
