@@ -6,12 +6,17 @@ import counts
 from builds import OWN, ROOT, Problem, build, export
 
 FILE = "engine/solver/kernels.cpp"
-# Every tenth chunk of rows is multiplied twice: the same results, a tenth more of work.
+# The first tenth of the blocks is multiplied once more after all others, when it has left the nearer caches: the same
+# results, a tenth more of time, whether the machine's memory or its arithmetic is the limit.
 CHANGES = [
-    ("for (int l = 0; l < rows; l += n) {\n        const V px",
-     "const int extra = chunk % 10 == 0 ? rows : 0;\n      for (int twice = 0; twice < rows + extra; twice += n) {\n"
-     "        const int l = twice % rows;\n        const V px"),
-    ("sum.add(l, px * y[0]", "if (twice >= extra) sum.add(l, px * y[0]"),
+    ("for (std::int64_t block = first_block; block < last_block; ++block) {\n"
+     "    for (std::int64_t chunk = block * chunks_per_block; chunk < last_chunk(block, a.chunks); ++chunk) {\n"
+     "      const Real* own",
+     "const std::int64_t again = (last_block - first_block + 9) / 10;\n"
+     "  for (std::int64_t turn = first_block; turn < last_block + again; ++turn) {\n"
+     "    const std::int64_t block = turn < last_block ? turn : first_block + turn - last_block;\n"
+     "    for (std::int64_t chunk = block * chunks_per_block; chunk < last_chunk(block, a.chunks); ++chunk) {\n"
+     "      const Real* own"),
 ]
 
 
