@@ -47,7 +47,7 @@ json full_scenario() {
                  "shots": [{"name": "end", "time_s": 1, "show": "max_principal_stress"}]},
     "label_colours": {"4": "#ff8000"}
   })");
-  document["tools"] = {tool("ball")};
+  document["tools"] = json::array({tool("ball")});
   return document;
 }
 
