@@ -96,7 +96,8 @@ TEST(KilledRun, IsRecoveredToItsLastStepAndRunsAgain) {
     EXPECT_FALSE(run.session);
     EXPECT_EQ(static_cast<std::int64_t>(run.stage_hashes.size()),
               run.steps * static_cast<std::int64_t>(run.header.stage_leaves.size()));
-    EXPECT_EQ(run.numbers.count("mesh_pieces"), 1u);
+    // they reach the log with the first step
+    EXPECT_EQ(run.numbers.count("mesh_pieces"), run.steps > 0 ? 1u : 0u);
     EXPECT_EQ(run.events.back().text, "cut off here; recovered from its log");
   }
   EXPECT_GT(recovered, 12);
