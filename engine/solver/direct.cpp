@@ -190,6 +190,7 @@ struct DirectSolver::Impl {
   }
 
   Eigen::MatrixXd without_held(Eigen::MatrixXd m) const {
+    if (m.cols() == 0) return m;  // without tools it has no data, of which there are no rows
     for (Eigen::Index i = 0; i < m.rows(); ++i) {
       if (!free_entry[static_cast<std::size_t>(i)]) m.row(i).setZero();
     }
