@@ -229,20 +229,20 @@ TEST(ScenarioErrors, OptionalDataThatAreNotHereAreSaidToBeMissingAndHowToGetThem
 TEST(ScenarioErrors, MeasuresNameAToolAndABound) {
   json document = full_scenario();
   json measure = {{"what", "pull_N"}, {"tool", "ball"}, {"at_most", 0}};
-  document["checks"]["measures"] = {measure};
+  document["checks"]["measures"] = json::array({measure});
   EXPECT_EQ(load_scenario_text(document.dump(), "test.json", ".").checks.measures.size(), 1U);
   measure["tool"] = "knife";
-  document["checks"]["measures"] = {measure};
+  document["checks"]["measures"] = json::array({measure});
   expect_refused(document, {"/checks/measures/0/tool", "knife"});
   measure = {{"what", "least_position_mm"}, {"tool", "ball"}, {"at_least", 1}};
-  document["checks"]["measures"] = {measure};
+  document["checks"]["measures"] = json::array({measure});
   expect_refused(document, {"/checks/measures/0/tool", "leave it out"});
   measure = {{"what", "pull_N"}, {"tool", "ball"}};
-  document["checks"]["measures"] = {measure};
+  document["checks"]["measures"] = json::array({measure});
   expect_refused(document, {"/checks/measures/0", "at_least"});
   measure["at_most"] = 0;
   measure["along"] = {0, 0, 0};
-  document["checks"]["measures"] = {measure};
+  document["checks"]["measures"] = json::array({measure});
   expect_refused(document, {"/along", "no length"});
 }
 
