@@ -1,6 +1,7 @@
 #include "engine/volume/distance_field.h"
 
 #include <algorithm>
+#include <cstring>
 
 #include "engine/volume/distance_smoothing.h"
 #include "engine/volume/distance_transform.h"
@@ -31,10 +32,10 @@ LargeVector<float> distance_to_border(const LabelMap& map) {
 
 DistanceField build_distance_field(const LabelMap& map, const SeparationPairs& pairs, DistanceKind kind) {
   check_label_map(map);
-  const bool empty =
-      std::all_of(map.labels.begin(), map.labels.end(), [](std::int32_t label) { return label == 0; });
-  if (empty) return {distance_to_border(map)};
   const VoxelLinks links = build_voxel_links(map, pairs);
+  // no voxel is labelled: the first byte is zero, and each equals the next
+  const bool empty = links[0] == 0 && std::memcmp(links.data(), links.data() + 1, links.size() - 1) == 0;
+  if (empty) return {distance_to_border(map)};
   DistanceField field{face_distance(map.size, map.spacing, links)};
   if (kind == DistanceKind::smooth) smooth_near_boundary(map, links, field.distance);
   return field;

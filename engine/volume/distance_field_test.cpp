@@ -88,6 +88,25 @@ TEST(DistanceField, IsExactFarFromAFewVoxelsInALargeImage) {
     ASSERT_NEAR(field.distance[v], expected[v], 4e-7 * expected[v]);
 }
 
+TEST(DistanceField, IsExactAlongEachLongAxis) {
+  const std::uint64_t seed = 20261127;
+  SCOPED_TRACE(seed);
+  Random random(seed);
+  for (int trial = 0; trial < 30; ++trial) {
+    Index3 size{1 + random_below(random, 6), 1 + random_below(random, 6), 1 + random_below(random, 6)};
+    size[trial % 3] = 60 + random_below(random, 200);
+    LabelMap map = empty_map(size);
+    map.spacing = {0.9e-3, 1.1e-3, 0.5e-3 * (1 + random_below(random, 3))};
+    for (int n = 1 + random_below(random, 20); n > 0; --n)
+      map.labels[random() % map.labels.size()] = 1 + random_below(random, 3);
+    const SeparationPairs pairs = random_pairs(random, 3);
+    const DistanceField field = build_distance_field(map, pairs, DistanceKind::voxel_faces);
+    const std::vector<double> expected = brute_force(map, pairs);
+    for (std::size_t v = 0; v < expected.size(); ++v)
+      ASSERT_NEAR(field.distance[v], expected[v], 4e-7 * expected[v]) << "trial " << trial << " voxel " << v;
+  }
+}
+
 TEST(DistanceField, OfAnEmptyMapIsTheDistanceToTheBorder) {
   const LabelMap map = empty_map({5, 4, 3});
   const DistanceField field = build_distance_field(map, {});

@@ -72,13 +72,6 @@ void fill_row(const int* list, int found, int width, int count, const float* squ
   }
 }
 
-// half[m] = min(half[m], whole[m - 1], whole[m]) over rows of `width` floats: the faces' edges and corners.
-void take_neighbours(const float* whole, std::ptrdiff_t stride, int m, int count, int width, float* half) {
-  const float* before = whole + std::max(m - 1, 0) * stride;
-  const float* after = whole + std::min(m, count - 1) * stride;
-  for (int c = 0; c < width; ++c) half[c] = std::min(half[c], std::min(before[c], after[c]));
-}
-
 // Four roots at a time: the compiler would take one by one, minding errno. Square roots are correctly
 // rounded, so the bits are the same.
 void root_row(const float* from, int count, float* to) {
@@ -100,6 +93,7 @@ class Transform {
         squares_{half_squares(nx_, spacing[0]), half_squares(ny_, spacing[1]), half_squares(nz_, spacing[2])},
         whole_(plane_ * static_cast<std::size_t>(nz_)),
         between_(plane_ * static_cast<std::size_t>(nz_ + 1)),
+        labelled_(static_cast<std::size_t>(ny_) * static_cast<std::size_t>(nz_)),
         whole_finite_(static_cast<std::size_t>(nz_)),
         between_finite_(static_cast<std::size_t>(nz_) + 1) {}
 
@@ -122,7 +116,7 @@ class Transform {
     {
       std::vector<float> whole(static_cast<std::size_t>(nz_) * stack_stride),
           half(whole.size() + stack_stride);
-#pragma omp for schedule(static)
+#pragma omp for schedule(dynamic, 4)
       for (int j = 0; j < ny_; ++j) {
         for (int i = 0; i < nx_; i += stack_width) stacks(i, j, first, whole.data(), half.data());
       }
@@ -156,10 +150,25 @@ class Transform {
     return links_.data() + (static_cast<std::size_t>(k) * ny_ + static_cast<std::size_t>(j)) * nx_;
   }
 
-  // Distances along a row to the faces between two neighbouring rows, `before` linked to `after` by `bit`;
-  // either may be null (image border). Infinite, and false, without a face.
+  bool labelled(int j, int k) const {
+    return labelled_[static_cast<std::size_t>(k) * ny_ + static_cast<std::size_t>(j)] != 0;
+  }
+
+  bool plane_labelled(int k) const {
+    const std::uint8_t* plane = labelled_.data() + static_cast<std::ptrdiff_t>(k) * ny_;
+    return k >= 0 && k < nz_ && std::any_of(plane, plane + ny_, [](std::uint8_t any) { return any != 0; });
+  }
+
+  // Row (j, k), or null where nothing is in it: at the image's border, and where no voxel is labelled.
+  const std::uint8_t* row_with_voxels(int j, int k) const {
+    return j >= 0 && j < ny_ && k >= 0 && k < nz_ && labelled(j, k) ? row(j, k) : nullptr;
+  }
+
+  // Distances along a row to the faces between two neighbouring rows, `before` linked to `after` by bit
+  // `axis`; either may be null. Infinite, and false, without a face.
   bool scan_beside(const std::uint8_t* before, const std::uint8_t* after, int axis, Plane& work,
                    float* out) const {
+    if (!before && !after) return fill(0, 1, work, out);
     std::uint8_t* faces = work.faces.data();
     std::memset(faces + nx_, 0, 16);
     if (!before) before = work.nothing.data();
@@ -201,9 +210,7 @@ class Transform {
 
   // The pass along j over the rows of `work`, to plane `out`.
   void columns(Plane& work, float* out) const {
-    for (int m = 0; m <= ny_; ++m) {
-      take_neighbours(work.rows.data(), work.stride, m, ny_, nx_, work.half_rows.data() + m * work.stride);
-    }
+    take_neighbours(work.rows.data(), work.half_rows.data(), work.stride, ny_, nx_);
     nearest_finite(work.half_finite, ny_, work.first);
     for (int i = 0; i < nx_; i += lanes) {
       min_plus(work.rows.data() + i, work.half_rows.data() + i, work.stride, ny_, squares_[1].data(),
@@ -219,13 +226,21 @@ class Transform {
   void whole_plane(int k, Plane& work) {
     std::fill(work.half_finite.begin(), work.half_finite.end(), 0);
     for (int j = 0; j < ny_; ++j) {
-      if (scan_across(row(j, k), work, work.rows.data() + j * work.stride)) {
+      std::uint8_t any = 0;
+      for (int i = 0; i < nx_; ++i) any |= row(j, k)[i];
+      labelled_[static_cast<std::size_t>(k) * ny_ + static_cast<std::size_t>(j)] = any;
+    }
+    if (!plane_labelled(k)) return;
+    for (int j = 0; j < ny_; ++j) {
+      if (!labelled(j, k)) {
+        fill(0, 0, work, work.rows.data() + j * work.stride);
+      } else if (scan_across(row(j, k), work, work.rows.data() + j * work.stride)) {
         work.half_finite[j] = work.half_finite[j + 1] = 1;
       }
     }
     for (int m = 0; m <= ny_; ++m) {
-      work.half_finite[m] |= scan_beside(m > 0 ? row(m - 1, k) : nullptr, m < ny_ ? row(m, k) : nullptr, 1,
-                                         work, work.half_rows.data() + m * work.stride);
+      work.half_finite[m] |= scan_beside(row_with_voxels(m - 1, k), row_with_voxels(m, k), 1, work,
+                                         work.half_rows.data() + m * work.stride);
     }
     whole_finite_[k] = *std::max_element(work.half_finite.begin(), work.half_finite.end());
     if (whole_finite_[k]) columns(work, whole_.data() + static_cast<std::size_t>(k) * plane_);
@@ -233,9 +248,10 @@ class Transform {
 
   // Plane between the voxel planes m - 1 and m: faces across k.
   void between_plane(int m, Plane& work) {
+    if (!plane_labelled(m - 1) && !plane_labelled(m)) return;
     std::fill(work.half_finite.begin(), work.half_finite.end(), 0);
     for (int j = 0; j < ny_; ++j) {
-      if (scan_beside(m > 0 ? row(j, m - 1) : nullptr, m < nz_ ? row(j, m) : nullptr, 2, work,
+      if (scan_beside(row_with_voxels(j, m - 1), row_with_voxels(j, m), 2, work,
                       work.rows.data() + j * work.stride)) {
         work.half_finite[j] = work.half_finite[j + 1] = 1;
       }
@@ -264,8 +280,8 @@ class Transform {
     for (int m = 0; m <= nz_; ++m) {
       gather(between_finite_[m], between_.data() + static_cast<std::size_t>(m) * plane_,
              half + m * stack_stride);
-      take_neighbours(whole, stack_stride, m, nz_, width, half + m * stack_stride);
     }
+    take_neighbours(whole, half, stack_stride, nz_, width);
     for (int strip = 0; strip < width; strip += lanes) {
       min_plus(whole + strip, half + strip, stack_stride, nz_, squares_[2].data(), first.data());
     }
@@ -280,8 +296,9 @@ class Transform {
   std::size_t plane_;
   const VoxelLinks& links_;
   std::vector<float> squares_[3];
-  LargeVector<float> whole_;    // [nz][ny][nx] planes of voxel centres
-  LargeVector<float> between_;  // [nz + 1][ny][nx] planes between them
+  LargeVector<float> whole_;            // [nz][ny][nx] planes of voxel centres
+  LargeVector<float> between_;          // [nz + 1][ny][nx] planes between them
+  std::vector<std::uint8_t> labelled_;  // [nz][ny] rows in which any voxel is
   std::vector<std::uint8_t> whole_finite_, between_finite_;
 };
 

@@ -57,25 +57,36 @@ template <class Lanes, int vectors>
                                            int r) {
   Lanes largest = best[0];
   for (int v = 1; v < vectors; ++v) largest = largest < best[v] ? best[v] : largest;
-  float limit = 0;
-  for (std::size_t lane = 0; lane < sizeof(Lanes) / sizeof(float); ++lane)
-    limit = limit < largest[lane] ? largest[lane] : limit;
+  constexpr int width = sizeof(Lanes) / sizeof(float);
+  float numbers[width];
+  std::memcpy(numbers, &largest, sizeof largest);
+  for (int left = width / 2; left > 0; left /= 2) {
+    for (int lane = 0; lane < left; ++lane)
+      numbers[lane] = numbers[lane] < numbers[lane + left] ? numbers[lane + left] : numbers[lane];
+  }
+  const float limit = numbers[0];
   while (r < count && squares[r] < limit) ++r;
   while (r > 0 && !(squares[r - 1] < limit)) --r;
   return r;
 }
 
-// best = min(best, half + squares) for row n over the half rows of a range, from `first` to before `reach`
-// rows away.
-template <class Lanes>
-[[gnu::always_inline]] inline void search_range(Lanes (&best)[min_plus_lanes * sizeof(float) / sizeof(Lanes)],
-                                                int n, const Range& range, const float* half,
-                                                std::ptrdiff_t stride, const float* squares, int first,
-                                                int reach) {
-  const int low = std::max(range.low, n - reach + 1), high = std::min(range.high, n + reach);
-  for (int m = std::min(range.high, n - first); m >= low; --m) take(best, half + m * stride, squares[n - m]);
-  for (int m = std::max(range.low, n + 1 + first); m <= high; ++m)
-    take(best, half + m * stride, squares[m - n - 1]);
+// best[k] = min(best[k], half + squares) for the `rows` rows from n on over the half rows of a range, from
+// `first` before the first of them or behind the last one to before `reach` rows away from them.
+template <int rows, class Lanes>
+[[gnu::always_inline]] inline void search_range(
+    Lanes (&best)[rows][min_plus_lanes * sizeof(float) / sizeof(Lanes)], int n, const Range& range,
+    const float* half, std::ptrdiff_t stride, const float* squares, int first, int reach) {
+  const int low = std::max(range.low, n - reach + 1), high = std::min(range.high, n + rows - 1 + reach);
+  for (int m = std::min(range.high, n - first); m >= low; --m) {
+    for (int k = 0; k < rows; ++k) take(best[k], half + m * stride, squares[n + k - m]);
+  }
+  for (int m = std::max(low, n + 1); m <= std::min(high, n + rows - 1); ++m) {
+    for (int k = 0; k < rows; ++k)
+      take(best[k], half + m * stride, squares[m <= n + k ? n + k - m : m - n - k - 1]);
+  }
+  for (int m = std::max(range.low, n + rows + first); m <= high; ++m) {
+    for (int k = 0; k < rows; ++k) take(best[k], half + m * stride, squares[m - n - k - 1]);
+  }
 }
 
 // best = min over the half rows of a range of half + squares for row n; returns the rows that came from.
@@ -101,42 +112,82 @@ template <class Lanes, class Ints>
   return found;
 }
 
-// The half row of a column's minimum never moves down as the row moves up. So every sixteenth row looks for
-// the number of that half row, and those between only look where the two around them found it. (Rounding
-// cannot spoil that: from row to row the order of two half rows changes by at least two squared spacings, far
-// more than an error of a sum of squares.) And from row to row a distance grows by a spacing at most.
+// What is known of a row: the half rows that its minima came from, and how far away nothing can be nearer.
+struct Known {
+  Range range;
+  int reach;
+};
+
+// The half row of a column's minimum never moves down as the row moves up. So a few rows far apart look for
+// the number of that half row, then some between them only where the two around them found it, and the rows
+// between those look, two at a time, for the minimum alone. (Rounding cannot spoil that: from row to row the
+// order of two half rows changes by at least two squared spacings, far more than an error of a sum of
+// squares.) And from row to row a distance grows by a spacing at most.
 template <class Lanes, class Ints>
 [[gnu::always_inline]] inline void run(float* whole, const float* half, std::ptrdiff_t stride, int count,
                                        const float* squares, const int* first) {
-  constexpr int apart = 16, rounding = 1;
-  Lanes best[min_plus_lanes * sizeof(float) / sizeof(Lanes)];
-  Range before{first[0], count - first[count - 1]};  // half rows before and behind are infinite
-  const int last = before.high;
-  int reach = count, half_reach = count;  // of the last row: nothing from there on can be nearer
-  const auto fill = [&](int begin, int end, const Range& range) {
-    for (int n = begin; n < end; ++n) {
-      std::memcpy(best, whole + n * stride, sizeof best);
-      search_range(best, n, range, half, stride, squares, first[n], std::min(reach + 1 + rounding, count));
-      std::memcpy(whole + n * stride, best, sizeof best);
-      reach = reach_of(best, count, squares, reach);
-    }
-  };
-  for (int n = 0; n < count; n += apart) {
-    const int around = std::min(half_reach + apart + rounding, count);
-    const Range here = search_numbered<Lanes, Ints>(
-        best, n, {std::max(before.low, n - around + 1), std::min(last, n + around)}, half, stride, squares);
-    half_reach = reach_of(best, count, squares, std::min(half_reach, count - 1));
+  constexpr int far_apart = 68, apart = 17, rounding = 1;
+  constexpr int vectors = min_plus_lanes * sizeof(float) / sizeof(Lanes);
+  const int last = count - first[count - 1];  // half rows behind it are infinite
+  const auto find = [&](int n, const Range& range, int reach) __attribute__((always_inline)) {
+    Lanes best[vectors];
+    reach = std::min(reach + rounding, count);
+    Known known{search_numbered<Lanes, Ints>(
+                    best, n, {std::max(range.low, n - reach + 1), std::min(range.high, n + reach)}, half,
+                    stride, squares),
+                0};
+    known.reach = reach_of(best, count, squares, std::min(reach, count - 1));
     take(best, whole + n * stride, 0.0F);
     std::memcpy(whole + n * stride, best, sizeof best);
-    if (n > 0) fill(n - apart + 1, n, {before.low, here.high});
-    std::memcpy(best, whole + n * stride, sizeof best);
-    reach = reach_of(best, count, squares, reach);
-    before = here;
+    return known;
+  };
+  int reach = count;  // of the last row
+  const auto fill = [&]<int rows>(int n, const Range& range) __attribute__((always_inline)) {
+    Lanes best[rows][vectors];
+    int nearest = first[n];
+    for (int k = 0; k < rows; ++k) {
+      std::memcpy(best[k], whole + (n + k) * stride, sizeof best[k]);
+      nearest = std::min(nearest, first[n + k]);
+    }
+    search_range<rows>(best, n, range, half, stride, squares, nearest,
+                       std::min(reach + rows + rounding, count));
+    for (int k = 0; k < rows; ++k) std::memcpy(whole + (n + k) * stride, best[k], sizeof best[k]);
+    reach = reach_of(best[rows - 1], count, squares, reach);
+  };
+  Known before = find(0, {first[0], last}, count);
+  for (int n = 0; n < count - 1;) {
+    const int end = std::min(n + far_apart, count - 1);
+    const Known behind = find(end, {before.range.low, last}, before.reach + end - n);
+    while (n < end) {
+      const int next = std::min(n + apart, end);
+      const Known here =
+          next < end ? find(next, {before.range.low, behind.range.high}, before.reach + next - n) : behind;
+      const Range between{before.range.low, here.range.high};
+      reach = before.reach;
+      for (++n; n + 1 < next; n += 2) fill.template operator()<2>(n, between);
+      if (n < next) fill.template operator()<1>(n, between);
+      n = next;
+      before = here;
+    }
   }
-  fill((count - 1) / apart * apart + 1, count, {before.low, last});
+}
+
+[[gnu::always_inline]] inline void take_rows(const float* whole, float* half, std::ptrdiff_t stride,
+                                             int count, int width) {
+  for (int m = 0; m <= count; ++m) {
+    const float* before = whole + std::max(m - 1, 0) * stride;
+    const float* after = whole + std::min(m, count - 1) * stride;
+    float* to = half + m * stride;
+    for (int c = 0; c < width; ++c) to[c] = std::min(to[c], std::min(before[c], after[c]));
+  }
 }
 
 #if defined(__x86_64__)
+[[gnu::target("avx2")]] void take_rows_avx2(const float* whole, float* half, std::ptrdiff_t stride, int count,
+                                            int width) {
+  take_rows(whole, half, stride, count, width);
+}
+
 [[gnu::target("avx512f")]] void run_avx512(float* whole, const float* half, std::ptrdiff_t stride, int count,
                                            const float* squares, const int* first) {
   run<Lanes16, Ints16>(whole, half, stride, count, squares, first);
@@ -149,6 +200,13 @@ template <class Lanes, class Ints>
 #endif
 
 }  // namespace
+
+void take_neighbours(const float* whole, float* half, std::ptrdiff_t stride, int count, int width) {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2")) return take_rows_avx2(whole, half, stride, count, width);
+#endif
+  take_rows(whole, half, stride, count, width);
+}
 
 void min_plus(float* whole, const float* half, std::ptrdiff_t stride, int count, const float* squares,
               const int* first) {

@@ -63,9 +63,12 @@ struct Neighbours {
 
 // Links between equal labels, and in the upper four bits those between different labels, which the table has
 // to confirm; without a branch.
-void link_equal(const std::int32_t* here, const Neighbours& next, std::uint8_t* links) {
-  const auto mask = [](bool condition) { return -static_cast<std::int32_t>(condition); };
-  const auto link = [&](std::int32_t a, std::int32_t b, int bit) {
+[[gnu::always_inline]] inline void link_equal(const std::int32_t* here, const Neighbours& next,
+                                              std::uint8_t* links) {
+  const auto mask = [](bool condition) __attribute__((always_inline)) {
+    return -static_cast<std::int32_t>(condition);
+  };
+  const auto link = [&](std::int32_t a, std::int32_t b, int bit) __attribute__((always_inline)) {
     const std::int32_t equal = mask(a == b);
     return mask(b != 0) & ((equal & bit) | (~equal & (bit << 4)));
   };
@@ -94,7 +97,7 @@ void ask_table(const PairTable& table, const std::int32_t* here, const Neighbour
   }
 }
 
-bool all_empty(const std::int32_t* labels) {
+[[gnu::always_inline]] inline bool all_empty(const std::int32_t* labels) {
   std::int32_t any = 0;
   for (int n = 0; n < block; ++n) any |= labels[n];
   return any == 0;
@@ -120,8 +123,9 @@ void link_rest(const PairTable& table, const std::int32_t* row, const std::int32
 }
 
 // Links of one row; `at_j` and `at_k` are the rows at j + 1 and k + 1, null at the border.
-void link_row(const PairTable& table, const std::int32_t* row, const std::int32_t* at_j,
-              const std::int32_t* at_k, int count, std::uint8_t* links) {
+[[gnu::always_inline]] inline void link_row(const PairTable& table, const std::int32_t* row,
+                                            const std::int32_t* at_j, const std::int32_t* at_k, int count,
+                                            std::uint8_t* links) {
   static constexpr std::int32_t nothing[block] = {};
   int i = 0;
   for (; i + block < count; i += block) {  // the neighbour at +i exists for all
@@ -136,12 +140,35 @@ void link_row(const PairTable& table, const std::int32_t* row, const std::int32_
   link_rest(table, row, at_j, at_k, i, count, links);
 }
 
+using LinkRow = decltype(link_row);
+
+#if defined(__x86_64__)
+[[gnu::target("avx2")]] void link_row_avx2(const PairTable& table, const std::int32_t* row,
+                                           const std::int32_t* at_j, const std::int32_t* at_k, int count,
+                                           std::uint8_t* links) {
+  link_row(table, row, at_j, at_k, count, links);
+}
+#endif
+void link_row_plain(const PairTable& table, const std::int32_t* row, const std::int32_t* at_j,
+                    const std::int32_t* at_k, int count, std::uint8_t* links) {
+  link_row(table, row, at_j, at_k, count, links);
+}
+
+// For the registers that the processor has.
+LinkRow* fastest_link_row() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2")) return link_row_avx2;
+#endif
+  return link_row_plain;
+}
+
 }  // namespace
 
 VoxelLinks build_voxel_links(const LabelMap& map, const SeparationPairs& pairs) {
   const PairTable table(pairs);
   VoxelLinks links(map.voxel_count() + 8);
   std::fill(links.end() - 8, links.end(), std::uint8_t{0});
+  LinkRow* const link_row = fastest_link_row();
   const int nx = map.size[0], ny = map.size[1], nz = map.size[2];
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < nz; ++k) {
