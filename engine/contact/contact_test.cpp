@@ -38,8 +38,8 @@ struct Block {
   std::vector<Contact> contacts(const std::vector<Vec3>& vertices) const {
     ContactSearch search;
     std::vector<Contact> found;
-    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Vec3::Zero(),
-                           search, found);
+    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Mat3::Identity(),
+                           Vec3::Zero(), search, found);
     return found;
   }
 };

@@ -46,9 +46,11 @@ struct Contact {
   Vec3 slip = Vec3::Zero();         // m/s, of the body along the tissue, where its friction is linearised
 };
 
-// A tetrahedron near the tool: the weight of corner v at x is weight[v][0] + weight[v][1..3] . x.
+// A tetrahedron near the tool: the weight of corner v at x is weight[0][v] + sum over a of weight[1 + a][v]
+// x_a. low, high: the cells of the search's grid that its box meets.
 struct CandidateTet {
   std::int32_t tet = 0;
+  std::array<std::int8_t, 3> low{}, high{};
   std::array<std::array<double, 4>, 4> weight{};  // 1, 1/m
 };
 
@@ -73,19 +75,27 @@ struct EmbeddedTissue {
 // Scratch of the search; reused from step to step, content without meaning between calls.
 struct ContactSearch {
   int threads = 1;
+  std::vector<Vec3> vertices;       // [vertices] m, world
   std::vector<std::uint8_t> sides;  // [nodes] on which sides of the tool's box a node lies, as bits
-  std::vector<std::vector<CandidateTet>> parts;      // [threads], near the tool
-  std::vector<CandidateTet> candidates;              // the same one behind the other
-  std::vector<std::int32_t> cell_start, cell_items;  // of a grid over the tool's box: candidates
-  std::vector<Contact> found;                        // [vertices]
-  std::vector<std::uint8_t> touches;                 // [vertices] whether there is one
+  // A thread's own. Each makes all candidates for itself: that is quicker than to have the other's memory.
+  struct alignas(64) Part {
+    Vec3 low, high;                                    // m, box of its share of the vertices
+    bool finite = true;                                // all of them
+    std::vector<std::int32_t> near;                    // tetrahedra near the tool in its share of the cells
+    std::vector<CandidateTet> candidates;              // of all parts
+    std::vector<std::int32_t> cell_start, cell_items;  // of a grid over the tool's box: candidates
+  };
+  std::vector<Part> parts;            // [threads]
+  std::vector<Contact> found;         // [vertices]
+  std::vector<std::uint8_t> touches;  // [vertices] whether there is one
 };
 
 // Appends the contacts of one tool in order of its vertices, the same for any number of threads.
-// vertices_world: [vertices]; centre: of the tool's mass. positions: [3*nodes]. alive: [tets] or empty = all.
+// vertices: [vertices] m, of the tool, which stand at position + rotation * vertex; position: of its centre
+// of mass. positions: [3*nodes]. alive: [tets] or empty = all.
 void find_embedded_contacts(const EmbeddedTissue& tissue, std::span<const double> positions,
                             std::span<const std::uint8_t> alive, std::int32_t tool,
-                            std::span<const Vec3> vertices_world, const Vec3& centre, ContactSearch& search,
-                            std::vector<Contact>& contacts);
+                            std::span<const Vec3> vertices, const Mat3& rotation, const Vec3& position,
+                            ContactSearch& search, std::vector<Contact>& contacts);
 
 }  // namespace sulcus

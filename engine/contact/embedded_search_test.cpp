@@ -52,8 +52,8 @@ struct Cylinder {
 
   std::vector<Contact> contacts(std::span<const Vec3> vertices, ContactSearch& search) const {
     std::vector<Contact> found;
-    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Vec3::Zero(),
-                           search, found);
+    find_embedded_contacts({map, pairs, distance, mesh, owned}, positions, {}, 0, vertices, Mat3::Identity(),
+                           Vec3::Zero(), search, found);
     return found;
   }
 
@@ -316,7 +316,7 @@ TEST(EmbeddedSearch, AThinSheetIsTouchedInAllOfItAndPushedOutTheNearerWay) {
     std::vector<Contact> found;
     const SeparationPairs none;
     find_embedded_contacts({map, none, distance, mesh, owned}, flat_positions(mesh), {}, 0, points,
-                           Vec3::Zero(), search, found);
+                           Mat3::Identity(), Vec3::Zero(), search, found);
     EXPECT_EQ(found.size(), points.size());
     for (const Contact& contact : found) {
       const double below = map.to_voxel(points[static_cast<std::size_t>(contact.vertex)])[2] - 3.5;  // voxels

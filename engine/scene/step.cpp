@@ -38,14 +38,10 @@ void find_contacts(const Scene& scene, const State& state, Workspace& workspace)
                          workspace.contacts);
       continue;
     }
-    const Mat3 rotation = rotation_matrix(tool.orientation);
-    const auto& vertices = scene.settings.tools[t].surface.vertices;
-    workspace.vertices.resize(vertices.size());
-    for (std::size_t v = 0; v < vertices.size(); ++v)
-      workspace.vertices[v] = tool.position + rotation * vertices[v];
     const EmbeddedTissue tissue{scene.settings.map, scene.settings.pairs, *scene.distance, scene.mesh,
                                 scene.owned_voxels};
-    find_embedded_contacts(tissue, state.positions, {}, static_cast<std::int32_t>(t), workspace.vertices,
+    find_embedded_contacts(tissue, state.positions, {}, static_cast<std::int32_t>(t),
+                           scene.settings.tools[t].surface.vertices, rotation_matrix(tool.orientation),
                            tool.position, workspace.search, workspace.contacts);
   }
   for (std::size_t o = 0; o < scene.settings.obstacles.size(); ++o) {
@@ -410,17 +406,18 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
   if (scene.distance) {
     std::size_t most = 0;
     for (const Tool& tool : scene.settings.tools) most = std::max(most, tool.surface.vertices.size());
-    workspace->vertices.reserve(most);
+    workspace->search.vertices.reserve(most);
     workspace->search.found.reserve(most);
     workspace->search.touches.reserve(most);
     workspace->search.threads = threads;
     workspace->search.sides.reserve(nodes);
-    workspace->search.candidates.reserve(scene.mesh.tets.size());
     workspace->search.parts.resize(static_cast<std::size_t>(threads));
-    for (auto& part : workspace->search.parts)
-      part.reserve(scene.mesh.tets.size() / static_cast<std::size_t>(threads) + 6);
-    workspace->search.cell_items.reserve(8 * scene.mesh.tets.size());
-    workspace->search.cell_start.reserve(16 * 16 * 16 + 1);
+    for (auto& part : workspace->search.parts) {
+      part.near.reserve(scene.mesh.tets.size() / static_cast<std::size_t>(threads) + 6);
+      part.candidates.reserve(scene.mesh.tets.size());
+      part.cell_items.reserve(8 * scene.mesh.tets.size());
+      part.cell_start.reserve(16 * 16 * 16 + 1);
+    }
   }
   return workspace;
 }

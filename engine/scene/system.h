@@ -64,7 +64,6 @@ struct Workspace {
   std::vector<double> forces;         // [3*nodes] N
   std::vector<double> increments;     // [3*nodes] m/s
   std::vector<std::uint8_t> finite;   // [threads] whether the positions that a thread moved are
-  std::vector<Vec3> vertices;         // of one tool, world
   std::vector<DeviceSample> samples;  // [tools]
   std::vector<Contact> contacts;      // of all tools, in order
   std::vector<Contact> dropped;       // in the step, by the tension rule

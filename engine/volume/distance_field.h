@@ -42,4 +42,8 @@ struct DistanceSample {
 DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
                                const Vec3& point_voxel, std::size_t home);
 
+// The same for a home that is known by its place: needs no division.
+DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
+                               const Vec3& point_voxel, const Index3& home);
+
 }  // namespace sulcus

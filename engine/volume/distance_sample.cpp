@@ -11,10 +11,12 @@ namespace {
 constexpr int box_limit = 8192;  // voxels searched for a way from `home`, so that nothing is allocated
 
 struct Corner8 {
-  Index3 at[8];
+  Index3 low;             // the first of them
   std::int32_t label[8];  // 0 outside the image
   std::size_t voxel[8];   // number in the map; 0 outside the image
   bool whole;             // all 8 are in the image
+
+  Index3 at(int c) const { return {low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)}; }
 };
 
 bool inside_image(const LabelMap& map, const Index3& at, int beyond = 0) {
@@ -32,15 +34,34 @@ Index3 voxel_at(const LabelMap& map, std::size_t index) {
 
 Corner8 corners_around(const LabelMap& map, const Index3& low) {
   Corner8 corners;
+  corners.low = low;
   corners.whole = inside_image(map, low, 1);
+  const std::size_t row = static_cast<std::size_t>(map.size[0]),
+                    plane = row * static_cast<std::size_t>(map.size[1]);
+  const std::size_t first = corners.whole ? map.index(low[0], low[1], low[2]) : 0;
   for (int c = 0; c < 8; ++c) {
-    const Index3 at{low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)};
-    const bool inside = corners.whole || inside_image(map, at);
-    corners.at[c] = at;
+    if (corners.whole) {
+      corners.voxel[c] = first + (c & 1 ? 1 : 0) + (c & 2 ? row : 0) + (c & 4 ? plane : 0);
+      corners.label[c] = map.labels[corners.voxel[c]];
+      continue;
+    }
+    const Index3 at = corners.at(c);
+    const bool inside = inside_image(map, at);
     corners.voxel[c] = inside ? map.index(at[0], at[1], at[2]) : 0;
     corners.label[c] = inside ? map.labels[corners.voxel[c]] : 0;
   }
   return corners;
+}
+
+// Which of the 8 a voxel is, or -1.
+int corner_of(const Corner8& corners, const Index3& voxel) {
+  int corner = 0;
+  for (int a = 0; a < 3; ++a) {
+    const int beyond = voxel[a] - corners.low[a];
+    if (beyond < 0 || beyond > 1) return -1;
+    corner |= beyond << a;
+  }
+  return corner;
 }
 
 // Those of `open`, of the 8 as bits, that connect with `start` over faces.
@@ -86,8 +107,8 @@ unsigned reach_from(const LabelMap& map, const SeparationPairs& pairs, const Cor
   Index3 low, size;
   std::int64_t voxels = 1;
   for (int a = 0; a < 3; ++a) {
-    low[a] = std::clamp(std::min(corners.at[0][a], home[a]), 0, map.size[a] - 1);
-    size[a] = std::clamp(std::max(corners.at[7][a], home[a]), 0, map.size[a] - 1) - low[a] + 1;
+    low[a] = std::clamp(std::min(corners.low[a], home[a]), 0, map.size[a] - 1);
+    size[a] = std::clamp(std::max(corners.low[a] + 1, home[a]), 0, map.size[a] - 1) - low[a] + 1;
     voxels *= size[a];
     if (voxels > box_limit) return 0;
   }
@@ -117,7 +138,7 @@ unsigned reach_from(const LabelMap& map, const SeparationPairs& pairs, const Cor
   }
   unsigned reached = 0;
   for (int c = 0; c < 8; ++c) {
-    if (corners.label[c] != 0 && seen[number(corners.at[c])]) reached |= 1U << c;
+    if (corners.label[c] != 0 && seen[number(corners.at(c))]) reached |= 1U << c;
   }
   return reached;
 }
@@ -143,7 +164,7 @@ double distance_at(const LabelMap& map, const DistanceField& field, const Index3
 }  // namespace
 
 DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
-                               const Vec3& point_voxel, std::size_t home) {
+                               const Vec3& point_voxel, const Index3& home) {
   Index3 low;
   double t[3];  // position between the two centres along each axis
   for (int a = 0; a < 3; ++a) {
@@ -153,21 +174,17 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
     t[a] = point_voxel[a] - low[a];
   }
   const Corner8 corners = corners_around(map, low);
-  const Index3 home_at = voxel_at(map, home);
 
   // The voxel of the 8 that stands for `home`: itself, else the nearest connected one, the lowest at ties.
-  int start = -1;
-  for (int c = 0; c < 8; ++c) {
-    if (corners.at[c] == home_at) start = c;
-  }
+  int start = corner_of(corners, home);
   if (start < 0) {
-    const unsigned reached = reach_from(map, pairs, corners, home_at);
+    const unsigned reached = reach_from(map, pairs, corners, home);
     double nearest = 1e30;  // m^2
     for (int c = 0; c < 8; ++c) {
       if (!(reached >> c & 1U)) continue;
       double square = 0;
       for (int a = 0; a < 3; ++a) {
-        const double offset = (corners.at[c][a] - point_voxel[a]) * map.spacing[a];
+        const double offset = (corners.at(c)[a] - point_voxel[a]) * map.spacing[a];
         square += offset * offset;
       }
       if (square < nearest) {
@@ -182,7 +199,7 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
   double value[8];  // m
   for (int c = 0; c < 8; ++c) {
     const double size = corners.whole ? static_cast<double>(field.distance[corners.voxel[c]])
-                                      : distance_at(map, field, corners.at[c]);
+                                      : distance_at(map, field, corners.at(c));
     value[c] = inside >> c & 1U ? -size : size;
   }
   // along i, then j, then k; slopes in m a voxel
@@ -200,6 +217,11 @@ DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs
     for (int r = 0; r < 3; ++r) sample.gradient[r] += map.direction(r, a) * (slope[a] / map.spacing[a]);
   }
   return sample;
+}
+
+DistanceSample sample_distance(const LabelMap& map, const SeparationPairs& pairs, const DistanceField& field,
+                               const Vec3& point_voxel, std::size_t home) {
+  return sample_distance(map, pairs, field, point_voxel, voxel_at(map, home));
 }
 
 }  // namespace sulcus
