@@ -12,7 +12,7 @@ namespace sulcus {
 
 template <class Real>
 SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa,
-                                      int threads) {
+                                      int threads, bool energies) {
   SystemMatrix<Real> system;
   const auto nodes = static_cast<std::size_t>(sparsity.nodes);
   const auto chunks = static_cast<std::size_t>(sparsity.chunks);
@@ -23,6 +23,10 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
   system.diagonal.assign(9 * 16 * chunks, Real(0));
   system.inverse.assign(9 * 16 * chunks, Real(0));
   system.node_forces.assign(3 * nodes, 0.0);
+  if (energies) {
+    system.energies.assign(
+        static_cast<std::size_t>((elements.count + ElementData::lanes - 1) / ElementData::lanes), 0.0);
+  }
   system.plan = plan_assembly(elements, sparsity, threads);
   system.rings.resize(static_cast<std::size_t>(threads));
   for (std::size_t t = 0; t < system.rings.size(); ++t) {
@@ -114,6 +118,7 @@ void make_part(const Sparsity& sparsity, const AssemblyPlan& plan, const Assembl
     if (tile == part.next) {
       passes.elements.rotations = other_rotations.data();
       passes.elements.rotations_from = tile * tile_elements;
+      passes.elements.energies = nullptr;
     }
     kernels.element_pass(passes.elements, first,
                          std::min(first + tile_elements / ElementData::lanes, blocks));
@@ -149,6 +154,7 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   all.elements.linear = elements.linear.empty() ? nullptr : elements.linear.data();
   all.elements.ahead = elements.beta_s.empty() ? nullptr : system.ahead.data();
   all.elements.rotations = rotations.data();
+  all.elements.energies = system.energies.empty() ? nullptr : system.energies.data();
   all.edges.lane_edges = system.plan.lane_edges.data();
   all.edges.lane_start = sparsity.lane_start.data();
   all.edges.lane_items = system.plan.lane_items.data();
@@ -204,6 +210,10 @@ void add_edge_block(const Sparsity& sparsity, std::int32_t edge, const Mat3& blo
   }
 }
 
+namespace {
+constexpr std::int64_t enough_for_threads = 16;  // chunks of rows: fewer cost less than a team's start
+}
+
 template <class Real>
 void close_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_node,
                 SystemMatrix<Real>& system) {
@@ -219,18 +229,23 @@ template <class Real>
 void close_rows(const Sparsity& sparsity, std::span<const std::uint8_t> free_node,
                 std::span<const std::int32_t> chunks, SystemMatrix<Real>& system) {
   const RowPass<Real> pass = row_pass(sparsity, free_node, system);
-  for (const std::int32_t chunk : chunks) system.kernels.close_rows(pass, chunk, chunk + 1);
+  const auto count = static_cast<std::int64_t>(chunks.size());
+#pragma omp parallel for num_threads(system.threads) schedule(static) if (count >= enough_for_threads)
+  for (std::int64_t n = 0; n < count; ++n) {
+    const std::int32_t chunk = chunks[static_cast<std::size_t>(n)];
+    system.kernels.close_rows(pass, chunk, chunk + 1);
+  }
 }
 
-#define SULCUS_INSTANTIATE(Real)                                                                       \
-  template SystemMatrix<Real> make_system_matrix<Real>(const ElementData&, const Sparsity&, Isa, int); \
-  template void assemble_elements<Real>(                                                               \
-      const ElementData&, const Sparsity&, const StepCoefficients&, std::span<const Vec3>,             \
-      std::span<const double>, std::span<const double>, std::span<const std::uint8_t>,                 \
-      std::span<const std::uint8_t>, std::span<double>, SystemMatrix<Real>&);                          \
-  template void add_edge_block<Real>(const Sparsity&, std::int32_t, const Mat3&, SystemMatrix<Real>&); \
-  template void close_rows<Real>(const Sparsity&, std::span<const std::uint8_t>, SystemMatrix<Real>&); \
-  template void close_rows<Real>(const Sparsity&, std::span<const std::uint8_t>,                       \
+#define SULCUS_INSTANTIATE(Real)                                                                             \
+  template SystemMatrix<Real> make_system_matrix<Real>(const ElementData&, const Sparsity&, Isa, int, bool); \
+  template void assemble_elements<Real>(                                                                     \
+      const ElementData&, const Sparsity&, const StepCoefficients&, std::span<const Vec3>,                   \
+      std::span<const double>, std::span<const double>, std::span<const std::uint8_t>,                       \
+      std::span<const std::uint8_t>, std::span<double>, SystemMatrix<Real>&);                                \
+  template void add_edge_block<Real>(const Sparsity&, std::int32_t, const Mat3&, SystemMatrix<Real>&);       \
+  template void close_rows<Real>(const Sparsity&, std::span<const std::uint8_t>, SystemMatrix<Real>&);       \
+  template void close_rows<Real>(const Sparsity&, std::span<const std::uint8_t>,                             \
                                  std::span<const std::int32_t>, SystemMatrix<Real>&);
 SULCUS_INSTANTIATE(float)
 SULCUS_INSTANTIATE(double)

@@ -24,6 +24,8 @@ struct SystemMatrix {
   AlignedVector<Real> node_terms;                 // RowPass::node_terms
   AlignedVector<Real> values, diagonal, inverse;  // RowPass
   std::vector<double> node_forces;                // [3*nodes] N, ForcePass::node_forces
+  std::vector<double>
+      energies;  // [blocks of 16 elements] J, elastic energy of x, if make_system_matrix was asked for it
   // A thread's own: rings of what the plan has places for, and rotations of the tiles that it makes for
   // itself.
   struct Rings {
@@ -38,7 +40,7 @@ struct SystemMatrix {
 
 template <class Real>
 SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsity& sparsity, Isa isa,
-                                      int threads);
+                                      int threads, bool energies = false);
 
 // The system for the state (x, v): rotations, the sliced matrix, its diagonal blocks D and their inverses
 // (zero for held nodes: in the solver they neither move nor push), and node_forces, the elastic force that

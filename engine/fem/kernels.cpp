@@ -111,6 +111,17 @@ SULCUS_INLINE void load_elements(const ElementPass<Real>& pass, std::int64_t fir
   gradients<Real>(pass, pass.nodes + block * 4 * 16 + lane, rest.g, turning.f, y);
 }
 
+// Adds the elastic energies of one register's elements to that of their block, in the order of the elements.
+template <class Real>
+SULCUS_INLINE void add_energies(const ElementPass<Real>& pass, std::int64_t first,
+                                const RestLanes<Real>& rest, const Turning<Real>& turning,
+                                const Rotation<Real>& turn) {
+  const Lanes<Real> energy = corotated_energy<Real>(turn, turning.f, rest.lambda, rest.mu);
+  double& sum = pass.energies[first / 16];
+  if (first % 16 == 0) sum = 0;
+  for (int l = 0; l < turning.count; ++l) sum += static_cast<double>(energy[l]);
+}
+
 template <class Real>
 SULCUS_INLINE void answer(const ElementPass<Real>& pass, std::int64_t first, const RestLanes<Real>& rest,
                           Turning<Real>& turning, Lanes<Real>* y) {
@@ -118,11 +129,13 @@ SULCUS_INLINE void answer(const ElementPass<Real>& pass, std::int64_t first, con
   if (pass.linear != nullptr) {
     hold_rotations<Real>(pass.linear + first, turning.count, turning.rotations, turning.q);
   }
+  const Rotation<Real> turn = matrix_of<Real>(turning.q);
+  if (pass.energies != nullptr) add_energies(pass, first, rest, turning, turn);
   const V ahead = pass.ahead != nullptr ? load<V>(pass.ahead + first) : V{};
   if (pass.ahead != nullptr) {
     for (int k = 0; k < 9; ++k) y[k] = turning.f[k] + ahead * (y[k] - turning.f[k]);
   }
-  Response<Real> response = corotated_law<Real>(matrix_of<Real>(turning.q), y, rest.lambda, rest.mu);
+  Response<Real> response = corotated_law<Real>(turn, y, rest.lambda, rest.mu);
   if (pass.ahead != nullptr) {
     response.lambda *= ahead;
     response.mu *= ahead;

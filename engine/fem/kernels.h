@@ -33,6 +33,8 @@ struct ElementPass {
   double* rotations = nullptr;  // [4*places] in: warm start, out: rotation of x
   Real* records = nullptr;      // [16*places] sqrt(V mu) h_a | lambda / mu, a = 0..3
   Real* forces = nullptr;       // [12*places + 4] elastic force (N) on corners 0..3
+  double* energies =
+      nullptr;  // [blocks] J, elastic energy of x in each block of 16 elements; nullptr: not asked
 };
 
 template <class Real>

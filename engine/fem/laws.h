@@ -8,15 +8,13 @@
 //
 // To add a law:
 //   - a value of the enumeration Law (elements.h) and its parameters in Material; build_elements puts V times
-//   two
-//     moduli into the rest data, further parameters into an array of their own, [padded elements], empty
+//     two moduli into the rest data, further parameters into an array of their own, [padded elements], empty
 //     where no element has the law;
-//   - a function here that returns a Response; element_pass calls it for the registers that hold an element
-//   of the
-//     law and takes its lanes by mask, as it does for plain linear elements;
+//   - a function here that returns a Response, and one for the energy; element_pass calls them for the
+//     registers that hold an element of the law and takes its lanes by mask, as it does for plain linear
+//     elements;
 //   - what an element must remember from step to step (the strain history of a viscoelastic law) is one more
-//   array
-//     of State beside the rotations, which are the memory of the corotated law.
+//     array of State beside the rotations, which are the memory of the corotated law.
 // Neo-Hookean, energy V [mu/2 (|F|^2 - 3) - mu log J + lambda/2 log^2 J]: stress mu (F - F^-T) + lambda log J
 // F^-T, frame F^-T, moduli lambda and max(mu, mu - lambda log J). Viscoelastic with n relaxation times:
 // stress of the corotated law plus the remembered stresses, moduli times the sum of their instantaneous
@@ -34,6 +32,22 @@ struct Response {
   Lanes<Real> lambda,
       mu;  // V times moduli (N m), >= 0: K_ab = lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)
 };
+
+// Energy V [mu |S - I|^2 + lambda/2 tr^2(S - I)] with the symmetric part S of R^T F. f: row major F.
+template <class Real>
+SULCUS_INLINE Lanes<Real> corotated_energy(const Rotation<Real>& rotation, const Lanes<Real>* f,
+                                           const Lanes<Real>& lambda, const Lanes<Real>& mu) {
+  using V = Lanes<Real>;
+  const V* r = rotation.r;
+  V m[9];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) m[3 * i + j] = r[i] * f[j] + r[3 + i] * f[3 + j] + r[6 + i] * f[6 + j];
+  }
+  const V exx = m[0] - Real(1), eyy = m[4] - Real(1), ezz = m[8] - Real(1), trace = exx + eyy + ezz;
+  const V xy = m[1] + m[3], xz = m[2] + m[6], yz = m[5] + m[7];
+  return mu * (exx * exx + eyy * eyy + ezz * ezz + Real(0.5) * (xy * xy + xz * xz + yz * yz)) +
+         Real(0.5) * lambda * trace * trace;
+}
 
 // Linear elasticity in the frame of the rotation r of x: e = sym(r^T y) - I, P = r (lambda tr(e) I + 2 mu e)
 // (equations.md 2.1). With r = I it is plain linear elasticity. y: gradient of the positions that the force

@@ -7,6 +7,8 @@
 namespace sulcus {
 namespace {
 
+constexpr std::int64_t enough_for_threads = 16;  // contacts: fewer cost less than a team's start
+
 Mat3 skew(const Vec3& u) {
   Mat3 m;
   m << 0, -u[2], u[1], u[2], 0, -u[0], -u[1], u[0], 0;
@@ -194,8 +196,11 @@ void save_tissue(const Scene& scene, Numbers<Real>& numbers, Workspace& workspac
   numbers.saved_blocks.resize(108 * count);
   numbers.saved_terms.resize(36 * count);
   numbers.saved_forces.resize(12 * count);
-  for (std::size_t c = 0; c < count; ++c) {
-    for_each_saved(scene, numbers, workspace, c, [](auto now, auto& saved) { saved = now; });
+  const auto contacts = static_cast<std::int64_t>(count);
+#pragma omp parallel for num_threads(workspace.threads) schedule(static) if (contacts >= enough_for_threads)
+  for (std::int64_t c = 0; c < contacts; ++c) {
+    for_each_saved(scene, numbers, workspace, static_cast<std::size_t>(c),
+                   [](auto now, auto& saved) { saved = now; });
   }
 }
 

@@ -290,29 +290,51 @@ SULCUS_INLINE void store_inverse(const Real* d, Real scale, Real* to) {
   store(to + 8, F{cc * s, (b * c - a * f) * s, (a * e - b * b) * s, Real(0)});
 }
 
+// Q K Q^T for the symmetric K of all corners of a cell at once.
+template <class Real>
+void turn_corners(const LevelView<Real>& levels, std::int64_t cell) {
+  using V = typename Vector<Real, 8>::Type;
+  V k[6];
+  for (int j = 0; j < 6; ++j)
+    k[j] = __builtin_convertvector(
+        load<typename Vector<float, 8>::Type>(levels.stiffness + 48 * cell + 8 * j), V);
+  const V block[3][3] = {{k[0], k[1], k[2]}, {k[1], k[3], k[4]}, {k[2], k[4], k[5]}};
+  const Real* q = levels.turns + 12 * cell;  // columns, padded to four
+  V turned[8] = {};
+  int number = 0;
+  for (int i = 0; i < 3; ++i) {
+    V half[3];
+    for (int l = 0; l < 3; ++l)
+      half[l] = q[i] * block[0][l] + q[4 + i] * block[1][l] + q[8 + i] * block[2][l];
+    for (int j = i; j < 3; ++j) turned[number++] = half[0] * q[j] + half[1] * q[4 + j] + half[2] * q[8 + j];
+  }
+  transpose_groups(turned[0], turned[1], turned[2], turned[3]);
+  transpose_groups(turned[4], turned[5], turned[6], turned[7]);
+  Real* to = levels.turned + 64 * cell;
+  for (int c = 0; c < 4; ++c) {
+    Real numbers[8];
+    for (int part = 0; part < 2; ++part) {  // number c of a group belongs to corner c, or 4 + c
+      store(numbers, turned[4 * part + c]);
+      std::memcpy(to + 8 * c + 4 * part, numbers, 4 * sizeof(Real));
+      std::memcpy(to + 8 * (4 + c) + 4 * part, numbers + 4, 4 * sizeof(Real));
+    }
+  }
+}
+
 template <class Real>
 void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::int64_t last_node) {
   using F = Four<Real>;
   for (std::int64_t node = first_node; node < last_node; ++node) {
     const Real* added = levels.added + 8 * node;
     const Real mass = static_cast<Real>(levels.mass[node]);
-    F sum[3] = {F{added[0] + mass, added[1], added[2], Real(0)},
-                F{added[1], added[3] + mass, added[4], Real(0)},
-                F{added[2], added[4], added[5] + mass, Real(0)}};
+    F low = load<F>(added) + F{mass, Real(0), Real(0), mass};
+    F high = load<F>(added + 4) + F{Real(0), mass, Real(0), Real(0)};
     for (std::int32_t k = levels.corner_start[node]; k < levels.corner_start[node + 1]; ++k) {
-      const float* packed = levels.stiffness + 8 * static_cast<std::int64_t>(levels.corners[k]);
-      Real b[6];
-      for (int j = 0; j < 6; ++j) b[j] = static_cast<Real>(packed[j]);
-      const F block[3] = {F{b[0], b[1], b[2], Real(0)}, F{b[1], b[3], b[4], Real(0)},
-                          F{b[2], b[4], b[5], Real(0)}};
-      const Real* turn = levels.turns + 12 * static_cast<std::int64_t>(levels.corners[k] / 8);
-      const F column[3] = {load<F>(turn), load<F>(turn + 4), load<F>(turn + 8)};
-      for (int i = 0; i < 3; ++i) {
-        const F half = column[0][i] * block[0] + column[1][i] * block[1] + column[2][i] * block[2];
-        sum[i] += half[0] * column[0] + half[1] * column[1] + half[2] * column[2];
-      }
+      const Real* corner = levels.turned + 8 * static_cast<std::int64_t>(levels.corners[k]);
+      low += load<F>(corner);
+      high += load<F>(corner + 4);
     }
-    const Real d[6] = {sum[0][0], sum[0][1], sum[0][2], sum[1][1], sum[1][2], sum[2][2]};
+    const Real d[6] = {low[0], low[1], low[2], low[3], high[0], high[1]};
     store_inverse(d, static_cast<Real>(levels.weight[node]) * levels.up_count[node],
                   levels.inverse + 12 * node);
   }
@@ -323,7 +345,7 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
 template <class Real>
 SolverKernels<Real> solver_table() {
   return {multiply<Real>, advance<Real>, direct<Real>,           pack_residual<Real>, restrict_slots<Real>,
-          climb<Real>,    correct<Real>, direct_corrected<Real>, level_blocks<Real>};
+          climb<Real>,    correct<Real>, direct_corrected<Real>, turn_corners<Real>,  level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

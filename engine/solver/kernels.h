@@ -35,6 +35,7 @@ struct LevelView {
   const float *stiffness = nullptr, *mass = nullptr, *weight = nullptr;
   const Real *up_share = nullptr, *up_count = nullptr;
   const Real *share = nullptr, *turns = nullptr, *added = nullptr;
+  Real* turned = nullptr;
   Real *inverse = nullptr, *residual = nullptr, *correction = nullptr;
   double* sums = nullptr;
 };
@@ -70,6 +71,8 @@ struct SolverKernels {
   // p = z + P correction + beta p, and packed likewise
   void (*direct_corrected)(const RowMatrix<Real>&, const LevelView<Real>&, Real beta, const Real* z, Real* p,
                            Real* packed, std::int64_t first_block, std::int64_t last_block) = nullptr;
+  // stiffness of a cell's corners, turned
+  void (*turn_corners)(const LevelView<Real>&, std::int64_t cell) = nullptr;
   // diagonal blocks of coarse nodes and their inverses
   void (*level_blocks)(const LevelView<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
 };

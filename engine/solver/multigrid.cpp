@@ -163,7 +163,8 @@ void set_weights(const std::vector<double>& products, Multigrid& m) {
 // ((lambda + mu) G G^T + mu |G|^2 I).
 void add_stiffness(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step,
                    std::span<const std::uint8_t> free_node, Multigrid& m) {
-  std::vector<double> stiffness(64 * at(m.first_cell.back()), 0.0), products(stiffness);
+  std::vector<double> stiffness(48 * at(m.first_cell.back()), 0.0),
+      products(64 * at(m.first_cell.back()), 0.0);
   for (std::int64_t e = 0; e < elements.count; ++e) {
     const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
     Vec3 gradient[4];
@@ -190,13 +191,13 @@ void add_stiffness(const EmbeddingMesh& mesh, const ElementData& elements, const
         for (std::size_t b = 0; b < 8; ++b) products[64 * at(cell) + 8 * a + b] += mu * sums[a].dot(sums[b]);
         const Vec3& g = sums[a];
         const double square = mu * g.squaredNorm();
-        double* to = &stiffness[8 * (8 * at(cell) + a)];
+        double* to = &stiffness[48 * at(cell) + a];
         to[0] += (lambda + mu) * g[0] * g[0] + square;
-        to[1] += (lambda + mu) * g[0] * g[1];
-        to[2] += (lambda + mu) * g[0] * g[2];
-        to[3] += (lambda + mu) * g[1] * g[1] + square;
-        to[4] += (lambda + mu) * g[1] * g[2];
-        to[5] += (lambda + mu) * g[2] * g[2] + square;
+        to[8] += (lambda + mu) * g[0] * g[1];
+        to[16] += (lambda + mu) * g[0] * g[2];
+        to[24] += (lambda + mu) * g[1] * g[1] + square;
+        to[32] += (lambda + mu) * g[1] * g[2];
+        to[40] += (lambda + mu) * g[2] * g[2] + square;
       }
       cell = m.parent[mesh.cell_nodes.size() + at(cell)];
     }
@@ -247,7 +248,11 @@ Real share_left(const Multigrid& m, std::int64_t level, std::int64_t cell,
       sum += torn[at(child)];
       continue;
     }
-    for (std::int64_t tet = child - m.tets_per_cell + 1; tet <= child; ++tet)
+    const std::int64_t first = child - m.tets_per_cell + 1;
+    std::uint8_t all = 1;
+    for (std::int64_t tet = first; tet <= child; ++tet) all &= alive[at(tet)];
+    if (all) continue;
+    for (std::int64_t tet = first; tet <= child; ++tet)
       sum += alive[at(tet)] ? Real(0) : static_cast<Real>(m.tet_weight[at(tet)]);
   }
   torn[at(cell)] = sum;
@@ -294,6 +299,7 @@ LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {
   v.up_count = w.up_count.data();
   v.share = w.share.data();
   v.turns = w.turns.data();
+  v.turned = w.turned.data();
   v.added = w.added.data();
   v.inverse = w.inverse.data();
   v.residual = w.residual.data();
@@ -329,6 +335,7 @@ MultigridWorkspace<Real> make_multigrid_workspace(const Multigrid& multigrid, st
   const auto level_0 = at(multigrid.first_node[1]);
   w.share.assign(at(48 * chunks), Real(0));
   w.turns.assign(12 * cells, Real(0));
+  w.turned.assign(64 * cells, Real(0));
   w.added.assign(8 * nodes, Real(0));
   w.inverse.assign(12 * nodes, Real(0));
   w.residual.assign(4 * level_0, Real(0));
@@ -409,6 +416,7 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
         }
         const Real left = alive.empty() ? Real(1) : share_left(m, level, c, alive, workspace.torn);
         store_turn(sum, std::sqrt(left), &workspace.turns[at(12 * c)]);
+        kernels.turn_corners(levels, c);
       }
       barrier.wait();
     }

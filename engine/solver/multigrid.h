@@ -35,7 +35,7 @@ struct Multigrid {
   std::vector<std::int32_t> down_start, down_nodes;  // of each coarse node: those that follow it
   // diagonal blocks at rest
   std::vector<std::int32_t> corner_start, corners;  // of each coarse node: cell * 8 + corner
-  std::vector<float> stiffness;  // [8*8*cells] (beta h + h^2) K_aa of each corner: xx xy xz yy yz zz, N s^2/m
+  std::vector<float> stiffness;  // [cells][6][8 corners] (beta h + h^2) K_aa: xx xy xz yy yz zz, N s^2/m
   std::vector<float> mass;       // [nodes] kg, (1 + alpha h) M_aa and springs
   std::vector<float> weight;     // [nodes] W
   // mean rotations
@@ -59,11 +59,12 @@ Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements
 // What changes at each step, and scratch memory.
 template <class Real>
 struct MultigridWorkspace {
-  AlignedVector<Real> share;       // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
-  AlignedVector<Real> turns;       // [12*cells] columns of the mean rotations, padded to four
-  AlignedVector<Real> added;       // [8*nodes] contacts, as in Multigrid::stiffness
-  AlignedVector<Real> inverse;     // [12*nodes] columns of W D^-1 / share, padded to four
-  AlignedVector<Real> residual;    // [4*nodes of level 0] share * P^T r
+  AlignedVector<Real> share;     // [48*chunks] 1 / number of coarse nodes that the slot follows; 0: held
+  AlignedVector<Real> turns;     // [12*cells] columns of the mean rotations, padded to four
+  AlignedVector<Real> turned;    // [cells][8 corners][8] the cells' stiffness, turned: xx xy xz yy yz zz 0 0
+  AlignedVector<Real> added;     // [8*nodes] contacts, likewise
+  AlignedVector<Real> inverse;   // [12*nodes] columns of W D^-1 / share, padded to four
+  AlignedVector<Real> residual;  // [4*nodes of level 0] share * P^T r
   AlignedVector<Real> correction;  // [4*nodes of level 0]
   // of the higher levels: each thread works through them by itself, which is quicker than to wait
   std::vector<AlignedVector<Real>> upper;  // [threads][8*nodes]: residuals, then corrections

@@ -170,11 +170,10 @@ TEST(Multigrid, LevelsHoldTheDiagonalBlocksOfTheInterpolatedMatrix) {
       Mat3 found = problem.multigrid.mass[static_cast<std::size_t>(global)] * Mat3::Identity();
       for (std::int32_t k = problem.multigrid.corner_start[static_cast<std::size_t>(global)];
            k < problem.multigrid.corner_start[static_cast<std::size_t>(global) + 1]; ++k) {
-        const float* b =
-            &problem.multigrid.stiffness[8 * static_cast<std::size_t>(
-                                                 problem.multigrid.corners[static_cast<std::size_t>(k)])];
+        const auto corner = static_cast<std::size_t>(problem.multigrid.corners[static_cast<std::size_t>(k)]);
+        const float* b = &problem.multigrid.stiffness[48 * (corner / 8) + corner % 8];
         Mat3 block;
-        block << b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5];
+        block << b[0], b[8], b[16], b[8], b[24], b[32], b[16], b[32], b[40];
         found += block;
       }
       EXPECT_LT((found - expected).norm(), 1e-5 * expected.norm() + 1e-12) << "coarse node " << global;
