@@ -118,11 +118,15 @@ void report_contacts(const Scene& scene, const State& state, const Workspace& wo
   }
 }
 
+// As the assembly left it, in its precision; the balance of a ledger asks for double.
 template <class Real>
 void report_elastic_energy(const Scene& scene, const State& state, const SystemMatrix<Real>& system,
-                           StepReport& report) {
+                           int threads, StepReport& report) {
   report.elastic_energy_J = 0;
   for (const double block : system.energies) report.elastic_energy_J += block;
+  if (scene.settings.ledger)
+    report.elastic_energy_J =
+        elastic_energy(scene.elements, state.positions, state.rotations, present(scene, state), threads);
   for (const NodeSpring& spring : scene.settings.springs) {
     const Vec3 stretch = node_vector(state.positions, spring.node) -
                          scene.mesh.rest_positions[static_cast<std::size_t>(spring.node)];
@@ -341,7 +345,7 @@ void step_in(const Scene& scene, std::span<const DeviceSample> given, State& sta
 
   report_contacts(scene, state, workspace, report);
   if (leads) report_led(workspace, report);
-  if (scene.settings.energies) report_elastic_energy(scene, state, numbers.system, report);
+  if (scene.settings.energies) report_elastic_energy(scene, state, numbers.system, workspace.threads, report);
   if (report.energy) {
     settle(report.elastic_energy_J, *report.energy);
     book_contacts(scene, state, workspace, *report.energy);

@@ -289,8 +289,8 @@ SolveResult solve(const Scene& scene, const State& state, const Effort& effort, 
 template <class Real>
 std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa isa, bool refined) {
   auto numbers = std::make_unique<Numbers<Real>>();
-  numbers->system =
-      make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads, scene.settings.energies);
+  numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads,
+                                             scene.settings.energies && !scene.settings.ledger);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
   if (scene.solves_again() || scene.settings.solver.from_rest)
     numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));

@@ -116,7 +116,7 @@ class Transform {
     {
       std::vector<float> whole(static_cast<std::size_t>(nz_) * stack_stride),
           half(whole.size() + stack_stride);
-#pragma omp for schedule(dynamic, 4)
+#pragma omp for schedule(static, 2)
       for (int j = 0; j < ny_; ++j) {
         for (int i = 0; i < nx_; i += stack_width) stacks(i, j, first, whole.data(), half.data());
       }
