@@ -163,9 +163,11 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
     const std::int64_t last = std::min(own_chunks.last, matrix.chunks) * 48;
     // x += alpha p, r -= alpha q, and what the preconditioner makes of r; returns r . z when all have
     const auto advance = [&](Real alpha) {
-      kernels.advance(matrix, alpha, p, q, x, r, z, workspace.rz.data(), own.first, own.last);
-      if (with_levels) {
-        kernels.pack_residual(matrix, levels, r, packed, own.first, own.last);
+      if (!with_levels) {
+        kernels.advance(matrix, alpha, p, q, x, r, z, workspace.rz.data(), own.first, own.last);
+      } else {
+        kernels.advance_packing(matrix, levels, alpha, p, q, x, r, z, packed, workspace.rz.data(), own.first,
+                                own.last);
         barrier.wait();
         kernels.restrict_slots(levels, packed, own_sums.first * nodes_per_sum,
                                std::min(own_sums.last * nodes_per_sum, levels.first_node[1]));

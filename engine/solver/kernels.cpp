@@ -94,9 +94,11 @@ void multiply(const RowMatrix<Real>& a, const Real* p, const Real* packed, Real*
   if (first_block < last_block) sum.end(sums + first_block);
 }
 
-template <class Real>
-void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q, Real* x, Real* r, Real* z,
-             double* sums, std::int64_t first_block, std::int64_t last_block) {
+// levels, packed: for multigrid, or null.
+template <class Real, bool packs>
+SULCUS_INLINE void next_residual(const RowMatrix<Real>& a, const LevelView<Real>* levels, Real alpha,
+                                 const Real* p, const Real* q, Real* x, Real* r, Real* z, Real* packed,
+                                 double* sums, std::int64_t first_block, std::int64_t last_block) {
   using V = Lanes<Real>;
   RunningSum<Real> sum;
   for (std::int64_t block = first_block; block < last_block; ++block) {
@@ -119,11 +121,31 @@ void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q,
           product += residual[i] * out;
         }
         sum.add(l, product);
+        if constexpr (packs) {
+          const Real* share = levels->share + at;
+          Real* to = packed + 4 * (chunk * rows + l);
+          scatter<Real>(load<V>(share) * residual[0], load<V>(share + rows) * residual[1],
+                        load<V>(share + 2 * rows) * residual[2], V{},
+                        [&](int lane) { return to + 4 * lane; });
+        }
       }
     }
     sum.end_block(sums + block);
   }
   if (first_block < last_block) sum.end(sums + first_block);
+}
+
+template <class Real>
+void advance(const RowMatrix<Real>& a, Real alpha, const Real* p, const Real* q, Real* x, Real* r, Real* z,
+             double* sums, std::int64_t first_block, std::int64_t last_block) {
+  next_residual<Real, false>(a, nullptr, alpha, p, q, x, r, z, nullptr, sums, first_block, last_block);
+}
+
+template <class Real>
+void advance_packing(const RowMatrix<Real>& a, const LevelView<Real>& levels, Real alpha, const Real* p,
+                     const Real* q, Real* x, Real* r, Real* z, Real* packed, double* sums,
+                     std::int64_t first_block, std::int64_t last_block) {
+  next_residual<Real, true>(a, &levels, alpha, p, q, x, r, z, packed, sums, first_block, last_block);
 }
 
 // Sum of four numbers each at from + 4 * list[first .. last).
@@ -188,23 +210,6 @@ void direct_corrected(const RowMatrix<Real>& a, const LevelView<Real>& levels, R
   if (first_block >= last_block) return;
   next_direction<Real, true>(&levels, beta, z, p, packed, first_block * chunks_per_block,
                              last_chunk(last_block - 1, a.chunks));
-}
-
-template <class Real>
-void pack_residual(const RowMatrix<Real>& a, const LevelView<Real>& levels, const Real* r, Real* packed,
-                   std::int64_t first_block, std::int64_t last_block) {
-  using F = Four<Real>;
-  if (first_block >= last_block) return;
-  for (std::int64_t chunk = first_block * chunks_per_block; chunk < last_chunk(last_block - 1, a.chunks);
-       ++chunk) {
-    for (int l = 0; l < rows; l += 4) {
-      const std::int64_t at = chunk * 3 * rows + l;
-      F d[4] = {};
-      for (int i = 0; i < 3; ++i) d[i] = load<F>(levels.share + at + i * rows) * load<F>(r + at + i * rows);
-      transpose_groups(d[0], d[1], d[2], d[3]);
-      for (int k = 0; k < 4; ++k) store(packed + 4 * (chunk * rows + l + k), d[k]);
-    }
-  }
 }
 
 template <class Real>
@@ -344,8 +349,8 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
 
 template <class Real>
 SolverKernels<Real> solver_table() {
-  return {multiply<Real>, advance<Real>, direct<Real>,           pack_residual<Real>, restrict_slots<Real>,
-          climb<Real>,    correct<Real>, direct_corrected<Real>, turn_corners<Real>,  level_blocks<Real>};
+  return {multiply<Real>, advance<Real>, direct<Real>,           advance_packing<Real>, restrict_slots<Real>,
+          climb<Real>,    correct<Real>, direct_corrected<Real>, turn_corners<Real>,    level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

@@ -57,9 +57,10 @@ struct SolverKernels {
   void (*direct)(const RowMatrix<Real>&, Real beta, const Real* z, Real* p, Real* packed,
                  std::int64_t first_block, std::int64_t last_block) = nullptr;
 
-  // Multigrid. packed = share * r, four numbers a slot
-  void (*pack_residual)(const RowMatrix<Real>&, const LevelView<Real>&, const Real* r, Real* packed,
-                        std::int64_t first_block, std::int64_t last_block) = nullptr;
+  // Multigrid. advance, and packed = share * r, four numbers a slot
+  void (*advance_packing)(const RowMatrix<Real>&, const LevelView<Real>&, Real alpha, const Real* p,
+                          const Real* q, Real* x, Real* r, Real* z, Real* packed, double* sums,
+                          std::int64_t first_block, std::int64_t last_block) = nullptr;
   // residual of the nodes of level 0
   void (*restrict_slots)(const LevelView<Real>&, const Real* packed, std::int64_t first_node,
                          std::int64_t last_node) = nullptr;
