@@ -24,7 +24,7 @@ SCENARIOS = {
 # Functions of the engine, with all that they call. "" counts the whole step or scene.
 FUNCTIONS = ["make_scene", "build_embedding", "build_distance_field", "step", "find_contacts", "assemble_elements",
              "close_rows", "assemble_contacts", "set_up_levels", "conjugate_gradients", "multiply",
-             "advance", "elastic_energy", "tear"]
+             "advance", "advance_packing", "elastic_energy", "tear"]
 NAME = re.compile(r"^\s*([\d,]+) \(\s*[\d.]+%\)\s+\S*?:(?:.*? )??sulcus::(?:isa_\w+::)?(?:\(anonymous namespace\)::)?"
                   r"(\w+)(?:<\w+>)?\(")
 
