@@ -63,7 +63,7 @@ TEST(Measures, RippleIsTheEffectiveValueOfAVibrationAndNotOfASlowMotion) {
   ripple.above_Hz = 6;
   const auto vibrating = [&](double t) { return Vec3(0, 0, amplitude * std::sin(2 * pi * 17.3 * t)); };
   EXPECT_NEAR(value_of(run_of(vibrating, no_turn), ripple), amplitude / std::numbers::sqrt2, 1e-3);
-  const auto circling = [&](double t) {
+  const auto circling = [&](double t) -> Vec3 {
     return amplitude * Vec3(std::cos(2 * pi * 11 * t), std::sin(2 * pi * 11 * t), 0);
   };
   EXPECT_NEAR(value_of(run_of(circling, no_turn), ripple), amplitude, 1e-3);
