@@ -33,16 +33,23 @@ struct Response {
       mu;  // V times moduli (N m), >= 0: K_ab = lambda h_a h_b^T + mu (h_b h_a^T + (h_a . h_b) I)
 };
 
+// r^T times a gradient, row major.
+template <class Real>
+SULCUS_INLINE void turn_back(const Rotation<Real>& rotation, const Lanes<Real>* gradient, Lanes<Real>* m) {
+  const Lanes<Real>* r = rotation.r;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j)
+      m[3 * i + j] = r[i] * gradient[j] + r[3 + i] * gradient[3 + j] + r[6 + i] * gradient[6 + j];
+  }
+}
+
 // Energy V [mu |S - I|^2 + lambda/2 tr^2(S - I)] with the symmetric part S of R^T F. f: row major F.
 template <class Real>
 SULCUS_INLINE Lanes<Real> corotated_energy(const Rotation<Real>& rotation, const Lanes<Real>* f,
                                            const Lanes<Real>& lambda, const Lanes<Real>& mu) {
   using V = Lanes<Real>;
-  const V* r = rotation.r;
   V m[9];
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) m[3 * i + j] = r[i] * f[j] + r[3 + i] * f[3 + j] + r[6 + i] * f[6 + j];
-  }
+  turn_back<Real>(rotation, f, m);
   const V exx = m[0] - Real(1), eyy = m[4] - Real(1), ezz = m[8] - Real(1), trace = exx + eyy + ezz;
   const V xy = m[1] + m[3], xz = m[2] + m[6], yz = m[5] + m[7];
   return mu * (exx * exx + eyy * eyy + ezz * ezz + Real(0.5) * (xy * xy + xz * xz + yz * yz)) +
@@ -58,9 +65,7 @@ SULCUS_INLINE Response<Real> corotated_law(const Rotation<Real>& rotation, const
   using V = Lanes<Real>;
   const V* r = rotation.r;
   V m[9];
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) m[3 * i + j] = r[i] * y[j] + r[3 + i] * y[3 + j] + r[6 + i] * y[6 + j];
-  }
+  turn_back<Real>(rotation, y, m);
   const V exx = m[0] - Real(1), eyy = m[4] - Real(1), ezz = m[8] - Real(1);
   const V pressure = lambda * (exx + eyy + ezz);
   const V mu2 = mu + mu;

@@ -168,15 +168,15 @@ VoxelLinks build_voxel_links(const LabelMap& map, const SeparationPairs& pairs) 
   const PairTable table(pairs);
   VoxelLinks links(map.voxel_count() + 8);
   std::fill(links.end() - 8, links.end(), std::uint8_t{0});
-  LinkRow* const link_row = fastest_link_row();
+  LinkRow* const link = fastest_link_row();
   const int nx = map.size[0], ny = map.size[1], nz = map.size[2];
 #pragma omp parallel for schedule(static)
   for (int k = 0; k < nz; ++k) {
     for (int j = 0; j < ny; ++j) {
       const std::int32_t* row = map.labels.data() + map.index(0, j, k);
-      link_row(table, row, j + 1 < ny ? row + nx : nullptr,
-               k + 1 < nz ? row + static_cast<std::size_t>(nx) * ny : nullptr, nx,
-               links.data() + map.index(0, j, k));
+      link(table, row, j + 1 < ny ? row + nx : nullptr,
+           k + 1 < nz ? row + static_cast<std::size_t>(nx) * ny : nullptr, nx,
+           links.data() + map.index(0, j, k));
     }
   }
   return links;
