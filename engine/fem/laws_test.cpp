@@ -141,6 +141,45 @@ TEST(Laws, GiveTheSameBitsOnEveryInstructionSet) {
   }
 }
 
+template <class Real>
+void expect_energy_of_assembly(const ElementData& elements, const TwoMaterials& two,
+                               std::span<const std::uint8_t> alive, double accuracy) {
+  std::vector<double> first;
+  for (Isa isa : {Isa::sse2, Isa::avx2, Isa::avx512}) {
+    if (isa > widest_isa()) continue;
+    for (int threads : {1, 2, 3}) {
+      auto system = make_system_matrix<Real>(elements, two.sparsity, isa, threads, true);
+      std::vector<double> rotations = two.rotations;
+      assemble_elements<Real>(
+          elements, two.sparsity, {step_s, {0, 0.1}}, two.mesh.rest_positions, two.positions, two.velocities,
+          alive, std::vector<std::uint8_t>(two.mesh.rest_positions.size(), 1), rotations, system);
+      const double expected = elastic_energy(elements, two.positions, rotations, alive, 1);
+      double sum = 0;
+      for (double block : system.energies) sum += block;
+      EXPECT_GT(expected, 1e-6);
+      EXPECT_NEAR(sum, expected, accuracy * expected);
+      if (first.empty()) first = system.energies;
+      EXPECT_EQ(system.energies, first) << isa_name(isa) << ' ' << threads;
+    }
+  }
+}
+
+TEST(Laws, EnergyThatTheAssemblySumsIsTheElasticEnergyWithTheSameBitsEverywhere) {
+  const TwoMaterials two;
+  Material corotated{1000, 0.45, 1000}, linear{2000, 0.3, 1000};
+  linear.law = Law::linear;
+  linear.damping = RayleighDamping{0.3, 0.02};
+  const ElementData elements =
+      build_elements(two.mesh, std::vector{corotated, linear}, two.numbers, RayleighDamping{0, 0.1});
+  std::vector<std::uint8_t> alive(two.numbers.size(), 1);
+  for (std::size_t t = 0; t < alive.size(); t += 7) alive[t] = 0;
+  for (const std::span<const std::uint8_t> present :
+       {std::span<const std::uint8_t>(), std::span<const std::uint8_t>(alive)}) {
+    expect_energy_of_assembly<float>(elements, two, present, 1e-5);
+    expect_energy_of_assembly<double>(elements, two, present, 1e-12);
+  }
+}
+
 TEST(Damping, OfAMaterialReplacesTheScenes) {
   TwoMaterials two;
   const Material plain{1000, 0.45, 1000};

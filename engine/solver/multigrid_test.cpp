@@ -314,6 +314,33 @@ TEST(Multigrid, CellsAreAsStiffAsWhatIsLeftOfThem) {
   EXPECT_EQ(set_up(std::vector<std::uint8_t>(mesh.tets.size(), 1)), whole);
 }
 
+TEST(Multigrid, CornersAreTurnedWithTheirCell) {
+  Problem<double> problem(cloven_block(43));
+  const Multigrid& m = problem.multigrid;
+  std::mt19937_64 random(43);
+  std::vector<double> rotations = problem.system.rotations;
+  for (double& number : rotations) number += uniform(random, -0.3, 0.3);  // of any length, as a mean is
+  auto& levels = problem.system.solver.levels;
+  set_up_multigrid<double>(m, problem.system.matrix(), rotations, {}, problem.system.solver.kernels, 1,
+                           levels);
+  double most = 0;  // by which a turn changes a block
+  for (std::size_t c = 0; c < static_cast<std::size_t>(m.first_cell.back()); ++c) {
+    Mat3 q;
+    for (int i = 0; i < 9; ++i)
+      q(i % 3, i / 3) = levels.turns[12 * c + static_cast<std::size_t>(4 * (i / 3) + i % 3)];
+    for (std::size_t corner = 0; corner < 8; ++corner) {
+      const float* k = &m.stiffness[48 * c + corner];
+      const double* found = &levels.turned[64 * c + 8 * corner];
+      Mat3 rest, turned;
+      rest << k[0], k[8], k[16], k[8], k[24], k[32], k[16], k[32], k[40];
+      turned << found[0], found[1], found[2], found[1], found[3], found[4], found[2], found[4], found[5];
+      EXPECT_LT((turned - q * rest * q.transpose()).norm(), 1e-12 * rest.norm()) << c << ' ' << corner;
+      if (rest.norm() > 0) most = std::fmax(most, (turned - rest).norm() / rest.norm());
+    }
+  }
+  EXPECT_GT(most, 0.05);
+}
+
 TEST(Multigrid, HasNoLevelsWhereTheMeshIsSmall) {
   const PressedBody body = cube(1, 0);
   const Multigrid multigrid = build_multigrid(body.mesh, body.elements, body.sparsity, body.step,
