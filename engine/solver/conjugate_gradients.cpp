@@ -83,6 +83,13 @@ Range own_blocks(const SolverWorkspace<Real>& workspace, int thread) {
   return {workspace.first_block[t], workspace.first_block[t + 1]};
 }
 
+template <class Real>
+Range nodes_of(const LevelView<Real>& levels, std::int64_t level, int thread, int threads) {
+  const std::int64_t first = levels.first_node[level];
+  const Range part = share(levels.first_node[level + 1] - first, thread, threads);
+  return {first + part.first, first + part.last};
+}
+
 double ordered_sum(const std::vector<double>& sums) {
   double sum = 0;
   for (double s : sums) sum += s;
@@ -172,9 +179,21 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
         kernels.restrict_slots(levels, packed, own_sums.first * nodes_per_sum,
                                std::min(own_sums.last * nodes_per_sum, levels.first_node[1]));
         barrier.wait();
+        for (std::int64_t level = 1; level < levels.shared_levels; ++level) {
+          const Range nodes = nodes_of(levels, level, thread, workspace.threads);
+          kernels.restrict_nodes(levels, nodes.first, nodes.last);
+          barrier.wait();
+        }
         Real* upper = workspace.levels.upper[static_cast<std::size_t>(thread)].data();
         kernels.climb(levels, upper);
-        kernels.correct(levels, upper, own_sums.first, own_sums.last);
+        const Real* above = upper + 4 * levels.first_node[levels.levels];
+        for (std::int64_t level = levels.shared_levels - 1; level > 0; --level) {
+          const Range nodes = nodes_of(levels, level, thread, workspace.threads);
+          kernels.correct_nodes(levels, above, nodes.first, nodes.last);
+          above = levels.correction;
+          barrier.wait();
+        }
+        kernels.correct(levels, above, own_sums.first, own_sums.last);
       }
       barrier.wait();
       return ordered_sum(workspace.rz) + ordered_sum(workspace.levels.sums);

@@ -164,20 +164,41 @@ SULCUS_INLINE Four<Real> sum_listed(const Real* from, const std::int32_t* list, 
   return even + odd;
 }
 
+// The mean of the corrections of `count` coarse nodes into each of some slots; returns the nodes behind them.
+template <class Real, int count>
+SULCUS_INLINE const std::int32_t* interpolate_to(const LevelView<Real>& levels, std::int32_t first,
+                                                 std::int32_t last, const std::int32_t* nodes, Real* packed) {
+  for (std::int32_t k = first; k < last; ++k, nodes += count)
+    store(packed + 4 * static_cast<std::int64_t>(levels.slot_order[k]),
+          sum_listed(levels.correction, nodes, 0, count) * (Real(1) / Real(count)));
+  return nodes;
+}
+
+// The corrections of level 0 in the slots of a block, four numbers each; where no node is, what stood there.
+template <class Real>
+SULCUS_INLINE void interpolate(const LevelView<Real>& levels, std::int64_t block, Real* packed) {
+  const SlotGroup& group = levels.slot_groups[block];
+  const std::int32_t* nodes = levels.slot_nodes + group.nodes;
+  nodes = interpolate_to<Real, 1>(levels, group.first[0], group.first[1], nodes, packed);
+  nodes = interpolate_to<Real, 2>(levels, group.first[1], group.first[2], nodes, packed);
+  nodes = interpolate_to<Real, 4>(levels, group.first[2], group.first[3], nodes, packed);
+  interpolate_to<Real, 8>(levels, group.first[3], group.first[4], nodes, packed);
+}
+
 template <class Real, bool corrected>
 SULCUS_INLINE void next_direction(const LevelView<Real>* levels, Real beta, const Real* z, Real* p,
                                   Real* packed, std::int64_t first_chunk, std::int64_t end_chunk) {
   using F = Four<Real>;
   for (std::int64_t chunk = first_chunk; chunk < end_chunk; ++chunk) {
+    if constexpr (corrected) {
+      if (chunk % chunks_per_block == 0) interpolate(*levels, chunk / chunks_per_block, packed);
+    }
     for (int l = 0; l < rows; l += 4) {
       const std::int64_t at = chunk * 3 * rows + l;
       const std::int64_t slot = chunk * rows + l;
       F coarse[4] = {};
       if constexpr (corrected) {
-        for (int k = 0; k < 4; ++k) {
-          const std::int32_t* nodes = levels->slot_nodes + nodes_per_slot * (slot + k);
-          coarse[k] = sum_listed(levels->correction, nodes, 0, nodes_per_slot);
-        }
+        for (int k = 0; k < 4; ++k) coarse[k] = load<F>(packed + 4 * (slot + k));
         transpose_groups(coarse[0], coarse[1], coarse[2], coarse[3]);
       }
       F d[4] = {};
@@ -185,7 +206,7 @@ SULCUS_INLINE void next_direction(const LevelView<Real>* levels, Real beta, cons
         F preconditioned = load<F>(z + at + i * rows);
         if constexpr (corrected) {
           const auto moves = load<F>(levels->share + at + i * rows) != Real(0);
-          preconditioned += moves ? coarse[i] * (Real(1) / Real(nodes_per_slot)) : F{};
+          preconditioned += moves ? coarse[i] : F{};
         }
         d[i] = preconditioned + beta * load<F>(p + at + i * rows);
         store(p + at + i * rows, d[i]);
@@ -234,26 +255,44 @@ SULCUS_INLINE Four<Real> corrected(const LevelView<Real>& levels, std::int64_t n
                    sum_listed(above, levels.up_nodes, levels.up_start[node], levels.up_start[node + 1]);
 }
 
+// Sum of the residuals of the nodes below, as its own share of each.
+template <class Real>
+SULCUS_INLINE Four<Real> restricted(const LevelView<Real>& levels, std::int64_t node, const Real* below) {
+  return levels.up_share[node] *
+         sum_listed(below, levels.down_nodes, levels.down_start[node], levels.down_start[node + 1]);
+}
+
+template <class Real>
+void restrict_nodes(const LevelView<Real>& levels, std::int64_t first_node, std::int64_t last_node) {
+  for (std::int64_t node = first_node; node < last_node; ++node)
+    store(levels.residual + 4 * node, restricted(levels, node, levels.residual));
+}
+
 template <class Real>
 void climb(const LevelView<Real>& levels, Real* upper) {
+  const std::int64_t first = levels.first_node[levels.shared_levels];
   const std::int64_t total = levels.first_node[levels.levels];
   Real* corrections = upper + 4 * total;
-  for (std::int64_t node = levels.first_node[1]; node < total; ++node) {
-    const Real* below = node < levels.first_node[2] ? levels.residual : upper;
-    store(upper + 4 * node,
-          levels.up_share[node] *
-              sum_listed(below, levels.down_nodes, levels.down_start[node], levels.down_start[node + 1]));
+  for (std::int64_t node = first; node < total; ++node) {
+    const Real* below = node < levels.first_node[levels.shared_levels + 1] ? levels.residual : upper;
+    store(upper + 4 * node, restricted(levels, node, below));
   }
-  for (std::int64_t node = total - 1; node >= levels.first_node[1]; --node) {
+  for (std::int64_t node = total - 1; node >= first; --node) {
     store(corrections + 4 * node, corrected(levels, node, upper + 4 * node, corrections));
   }
 }
 
 template <class Real>
-void correct(const LevelView<Real>& levels, const Real* upper, std::int64_t first_block,
+void correct_nodes(const LevelView<Real>& levels, const Real* above, std::int64_t first_node,
+                   std::int64_t last_node) {
+  for (std::int64_t node = first_node; node < last_node; ++node)
+    store(levels.correction + 4 * node, corrected(levels, node, levels.residual + 4 * node, above));
+}
+
+template <class Real>
+void correct(const LevelView<Real>& levels, const Real* above, std::int64_t first_block,
              std::int64_t last_block) {
   using F = Four<Real>;
-  const Real* above = upper + 4 * levels.first_node[levels.levels];
   for (std::int64_t block = first_block; block < last_block; ++block) {
     const std::int64_t end = (block + 1) * nodes_per_sum < levels.first_node[1] ? (block + 1) * nodes_per_sum
                                                                                 : levels.first_node[1];
@@ -349,8 +388,9 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
 
 template <class Real>
 SolverKernels<Real> solver_table() {
-  return {multiply<Real>, advance<Real>, direct<Real>,           advance_packing<Real>, restrict_slots<Real>,
-          climb<Real>,    correct<Real>, direct_corrected<Real>, turn_corners<Real>,    level_blocks<Real>};
+  return {multiply<Real>,       advance<Real>,          direct<Real>,       advance_packing<Real>,
+          restrict_slots<Real>, restrict_nodes<Real>,   climb<Real>,        correct_nodes<Real>,
+          correct<Real>,        direct_corrected<Real>, turn_corners<Real>, level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

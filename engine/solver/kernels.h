@@ -22,12 +22,19 @@ struct RowMatrix {
 
 inline constexpr std::int64_t chunks_per_block = 8;
 
+// The slots of a block that follow 1, 2, 4 or 8 coarse nodes: first[k] .. first[k + 1] of the order of slots
+// follow 2^k, which stand one behind the other from `nodes` on.
+struct SlotGroup {
+  std::int32_t first[5] = {}, nodes = 0;
+};
+
 // What the kernels see of a multigrid (multigrid.h) and of its workspace.
 template <class Real>
 struct LevelView {
   const std::int64_t* first_node = nullptr;
-  std::int64_t levels = 0;
-  const std::int32_t* slot_nodes = nullptr;
+  std::int64_t levels = 0, shared_levels = 0;
+  const SlotGroup* slot_groups = nullptr;
+  const std::int32_t *slot_order = nullptr, *slot_nodes = nullptr;
   const std::int32_t *node_start = nullptr, *node_slots = nullptr;
   const std::int32_t *up_start = nullptr, *up_nodes = nullptr;
   const std::int32_t *down_start = nullptr, *down_nodes = nullptr;
@@ -41,7 +48,6 @@ struct LevelView {
 };
 
 inline constexpr std::int64_t nodes_per_sum = 64;
-inline constexpr std::int32_t nodes_per_slot = 8;
 
 // All work on whole blocks [first_block, last_block) and write one sum a block.
 template <class Real>
@@ -64,10 +70,15 @@ struct SolverKernels {
   // residual of the nodes of level 0
   void (*restrict_slots)(const LevelView<Real>&, const Real* packed, std::int64_t first_node,
                          std::int64_t last_node) = nullptr;
-  // residuals and corrections of all higher levels, in memory of the thread's own [8*nodes]
+  // residual of nodes of a higher level from that of the level below
+  void (*restrict_nodes)(const LevelView<Real>&, std::int64_t first_node, std::int64_t last_node) = nullptr;
+  // residuals and corrections of the levels that are not shared, in memory of the thread's own [8*nodes]
   void (*climb)(const LevelView<Real>&, Real* upper) = nullptr;
+  // correction of nodes above level 0 that threads share; above: corrections of the level above, by number
+  void (*correct_nodes)(const LevelView<Real>&, const Real* above, std::int64_t first_node,
+                        std::int64_t last_node) = nullptr;
   // correction of the nodes of level 0 [blocks of nodes_per_sum]; sums: residual . correction
-  void (*correct)(const LevelView<Real>&, const Real* upper, std::int64_t first_block,
+  void (*correct)(const LevelView<Real>&, const Real* above, std::int64_t first_block,
                   std::int64_t last_block) = nullptr;
   // p = z + P correction + beta p, and packed likewise
   void (*direct_corrected)(const RowMatrix<Real>&, const LevelView<Real>&, Real beta, const Real* z, Real* p,

@@ -4,13 +4,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+
+#include <Eigen/LU>
 
 #include "engine/numerics/team.h"
 
 namespace sulcus {
 namespace {
 
-constexpr std::int64_t enough_nodes = 40;  // a level that small needs no coarser one
+constexpr std::int64_t enough_nodes = 40;   // a level that small needs no coarser one
+constexpr std::int64_t shared_nodes = 256;  // in a smaller level a thread waits longer than it saves
 
 std::size_t at(std::int64_t number) {
   return static_cast<std::size_t>(number);
@@ -31,6 +35,36 @@ void transpose(const std::vector<std::int32_t>& start, const std::vector<std::in
   }
 }
 
+// Edges of cells that a disturbance travels in a step, where it travels furthest (docs/decisions/0005).
+double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step) {
+  double volume = 0, mass = 0, stiffest = 0;  // m^3, kg, (beta + h) (lambda + 2 mu) Pa s
+  for (double m : elements.node_mass) mass += m;
+  for (std::int64_t e = 0; e < elements.count; ++e) {
+    const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
+    Mat3 gradients;
+    for (int k = 0; k < 9; ++k) gradients(k / 3, k % 3) = rest[16 * k];
+    const double own = 1 / (6 * std::fabs(gradients.determinant()));
+    const double beta = elements.beta_s.empty() ? step.damping.beta_s : elements.beta_s[at(e)];
+    volume += own;
+    stiffest = std::fmax(stiffest, (beta + step.step_s) * (rest[16 * 9] + 2 * rest[16 * 10]) / own);
+  }
+  double edge = std::numeric_limits<double>::infinity();
+  const auto& corners = mesh.cell_nodes.front();
+  for (const std::size_t corner : {1, 2, 4}) {
+    const Vec3 side = mesh.rest_positions[at(corners[corner])] - mesh.rest_positions[at(corners[0])];
+    edge = std::fmin(edge, side.norm());
+  }
+  return std::sqrt(step.step_s * stiffest * volume / mass) / edge;
+}
+
+// Without the levels whose cells are larger than a disturbance travels: what they would correct hardly moves.
+void leave_out_useless(double reached, std::vector<CoarseLevel>& levels) {
+  double edge = 4;
+  std::size_t count = 1;
+  for (; count < levels.size() && edge <= reached; ++count) edge *= 2;
+  levels.resize(std::min(count, levels.size()));
+}
+
 void number_levels(const EmbeddingMesh& mesh, const std::vector<CoarseLevel>& levels, Multigrid& m) {
   m.levels = static_cast<std::int64_t>(levels.size());
   m.first_node.assign(1, 0);
@@ -39,6 +73,9 @@ void number_levels(const EmbeddingMesh& mesh, const std::vector<CoarseLevel>& le
     m.first_node.push_back(m.first_node.back() + level.node_count);
     m.first_cell.push_back(m.first_cell.back() + static_cast<std::int64_t>(level.cell_nodes.size()));
   }
+  m.shared_levels = 1;
+  while (m.shared_levels < m.levels && levels[at(m.shared_levels)].node_count >= shared_nodes)
+    ++m.shared_levels;
   const auto mesh_cells = static_cast<std::int32_t>(mesh.cell_nodes.size());
   for (std::size_t l = 0; l < levels.size(); ++l) {
     const auto node = static_cast<std::int32_t>(m.first_node[l]);
@@ -54,6 +91,27 @@ void number_levels(const EmbeddingMesh& mesh, const std::vector<CoarseLevel>& le
   m.parent.resize(at(mesh_cells + m.first_cell.back()), -1);
 }
 
+// start, nodes: the coarse nodes of each slot.
+void order_slots(const std::vector<std::int32_t>& start, const std::vector<std::int32_t>& nodes,
+                 Multigrid& m) {
+  constexpr std::size_t slots_per_block = Sparsity::chunk_rows * chunks_per_block;
+  const std::size_t slots = start.size() - 1;
+  for (std::size_t first = 0; first < slots; first += slots_per_block) {
+    SlotGroup group;
+    group.nodes = static_cast<std::int32_t>(m.slot_nodes.size());
+    for (int k = 0; k < 4; ++k) {
+      group.first[k] = static_cast<std::int32_t>(m.slot_order.size());
+      for (std::size_t slot = first; slot < std::min(first + slots_per_block, slots); ++slot) {
+        if (start[slot + 1] - start[slot] != 1 << k) continue;
+        m.slot_order.push_back(static_cast<std::int32_t>(slot));
+        m.slot_nodes.insert(m.slot_nodes.end(), nodes.begin() + start[slot], nodes.begin() + start[slot + 1]);
+      }
+    }
+    group.first[4] = static_cast<std::int32_t>(m.slot_order.size());
+    m.slot_groups.push_back(group);
+  }
+}
+
 void make_transfers(const std::vector<CoarseLevel>& levels, const Sparsity& sparsity, Multigrid& m) {
   const CoarseLevel& first = levels.front();
   std::vector<std::int32_t> start(1, 0), nodes;  // of each slot, without repetitions
@@ -63,10 +121,8 @@ void make_transfers(const std::vector<CoarseLevel>& levels, const Sparsity& spar
     nodes.insert(nodes.end(), first.among.begin() + from, first.among.begin() + from + count);
     start.push_back(static_cast<std::int32_t>(nodes.size()));
     m.slot_share.push_back(count == 0 ? 0.0f : 1.0f / static_cast<float>(count));
-    for (std::int32_t k = 0; k < nodes_per_slot; ++k) {
-      m.slot_nodes.push_back(count == 0 ? 0 : first.among[at(from + k % count)]);
-    }
   }
+  order_slots(start, nodes, m);
   transpose(start, nodes, m.first_node[1], m.node_start, m.node_slots);
   m.up_start.assign(1, 0);
   for (std::size_t l = 1; l < levels.size(); ++l) {
@@ -283,6 +339,9 @@ LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {
   LevelView<Real> v;
   v.first_node = m.first_node.data();
   v.levels = m.levels;
+  v.shared_levels = m.shared_levels;
+  v.slot_groups = m.slot_groups.data();
+  v.slot_order = m.slot_order.data();
   v.slot_nodes = m.slot_nodes.data();
   v.node_start = m.node_start.data();
   v.node_slots = m.node_slots.data();
@@ -312,8 +371,9 @@ Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements
                           const StepCoefficients& coefficients, std::span<const double> node_weights,
                           std::span<const std::uint8_t> free_node, bool tears) {
   Multigrid m;
-  const std::vector<CoarseLevel> levels = build_coarse_levels(mesh, enough_nodes);
+  std::vector<CoarseLevel> levels = build_coarse_levels(mesh, enough_nodes);
   if (levels.empty()) return m;
+  leave_out_useless(cells_reached(mesh, elements, coefficients), levels);
   number_levels(mesh, levels, m);
   make_transfers(levels, sparsity, m);
   list_children(mesh, m);
@@ -333,13 +393,14 @@ MultigridWorkspace<Real> make_multigrid_workspace(const Multigrid& multigrid, st
   MultigridWorkspace<Real> w;
   const auto nodes = at(multigrid.first_node.back()), cells = at(multigrid.first_cell.back());
   const auto level_0 = at(multigrid.first_node[1]);
+  const auto shared = at(multigrid.first_node[at(multigrid.shared_levels)]);
   w.share.assign(at(48 * chunks), Real(0));
   w.turns.assign(12 * cells, Real(0));
   w.turned.assign(64 * cells, Real(0));
   w.added.assign(8 * nodes, Real(0));
   w.inverse.assign(12 * nodes, Real(0));
-  w.residual.assign(4 * level_0, Real(0));
-  w.correction.assign(4 * level_0, Real(0));
+  w.residual.assign(4 * shared, Real(0));
+  w.correction.assign(4 * shared, Real(0));
   w.upper.assign(at(threads), AlignedVector<Real>(8 * nodes, Real(0)));
   w.sums.assign((level_0 + nodes_per_sum - 1) / nodes_per_sum, 0.0);
   w.quaternions.assign(4 * cells, Real(0));

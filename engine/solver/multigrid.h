@@ -23,12 +23,15 @@ namespace sulcus {
 // level; slots are those of the solver's vectors. Lists are [count + 1] starts into a common array.
 struct Multigrid {
   std::int64_t levels = 0;
+  std::int64_t shared_levels = 0;        // so many are large enough to be shared out to threads
   std::vector<std::int64_t> first_node;  // [levels+1]
   std::vector<std::int64_t> first_cell;  // [levels+1]
   // between the mesh and level 0
+  std::vector<SlotGroup> slot_groups;  // [blocks of chunks]
   std::vector<std::int32_t>
-      slot_nodes;                 // [8*slots] coarse nodes whose mean a slot follows: 1, 2 or 4 repeated
-  std::vector<float> slot_share;  // [slots] 1 / number of different ones; 0: padding
+      slot_order;  // the slots of each block by the number of coarse nodes that they follow
+  std::vector<std::int32_t> slot_nodes;              // those nodes, in that order; a slot follows their mean
+  std::vector<float> slot_share;                     // [slots] 1 / number of them; 0: padding
   std::vector<std::int32_t> node_start, node_slots;  // the slots that follow a coarse node of level 0
   // between levels
   std::vector<std::int32_t> up_start, up_nodes;      // of each coarse node: those of the next level
@@ -64,9 +67,9 @@ struct MultigridWorkspace {
   AlignedVector<Real> turned;    // [cells][8 corners][8] the cells' stiffness, turned: xx xy xz yy yz zz 0 0
   AlignedVector<Real> added;     // [8*nodes] contacts, likewise
   AlignedVector<Real> inverse;   // [12*nodes] columns of W D^-1 / share, padded to four
-  AlignedVector<Real> residual;  // [4*nodes of level 0] share * P^T r
-  AlignedVector<Real> correction;  // [4*nodes of level 0]
-  // of the higher levels: each thread works through them by itself, which is quicker than to wait
+  AlignedVector<Real> residual;  // [4*nodes of shared levels] share * P^T r
+  AlignedVector<Real> correction;  // [4*nodes of shared levels]
+  // of the levels above: each thread works through them by itself, which is quicker than to wait
   std::vector<AlignedVector<Real>> upper;  // [threads][8*nodes]: residuals, then corrections
   std::vector<double> sums;                // one a block of 64 nodes of level 0
   std::vector<Real> quaternions;           // [4*cells]
