@@ -34,7 +34,7 @@ SystemMatrix<Real> make_system_matrix(const ElementData& elements, const Sparsit
     const auto places = static_cast<std::size_t>(system.plan.elements());
     rings.records.assign(16 * places + 16, Real(0));
     rings.forces.assign(12 * places + 4, Real(0));
-    rings.blocks.assign(12 * static_cast<std::size_t>(system.plan.edges()) + 12, Real(0));
+    rings.blocks.assign(12 * static_cast<std::size_t>(system.plan.edges()) + 24, Real(0));
     const AssemblyPlan::Part& part = system.plan.parts[t];
     rings.rotations.assign(
         static_cast<std::size_t>(4 * AssemblyPlan::tile_elements * (part.last_tile - part.next)), 0.0);
@@ -87,6 +87,7 @@ RowPass<Real> row_pass(const Sparsity& sparsity, std::span<const std::uint8_t> f
   pass.node_of_slot = sparsity.node_of_slot.data();
   pass.chunk_start = sparsity.chunk_start.data();
   pass.block = system.plan.block.data();
+  pass.transposed = system.plan.transposed.data();
   pass.node_terms = system.node_terms.data();
   pass.free_node = free_node.data();
   pass.values = system.values.data();
@@ -109,7 +110,8 @@ template <class Real>
 void make_part(const Sparsity& sparsity, const AssemblyPlan& plan, const AssemblyPlan::Part& part,
                const FemKernels<Real>& kernels, Passes<Real> passes, std::span<double> other_rotations) {
   constexpr std::int64_t tile_elements = AssemblyPlan::tile_elements;
-  constexpr std::int64_t chunks = Sparsity::window_rows / Sparsity::chunk_rows;
+  const std::int64_t chunks = sparsity.window_rows / Sparsity::chunk_rows;
+  constexpr std::int64_t groups = Sparsity::window_edges / Sparsity::chunk_rows;
   const std::int64_t blocks = (passes.elements.count + ElementData::lanes - 1) / ElementData::lanes;
   std::int64_t edges_done = part.first_edges, rows_done = part.first_rows;
   for (std::int64_t tile = part.first_tile; tile < part.last_tile; ++tile) {
@@ -124,12 +126,12 @@ void make_part(const Sparsity& sparsity, const AssemblyPlan& plan, const Assembl
                          std::min(first + tile_elements / ElementData::lanes, blocks));
     const auto done = static_cast<std::size_t>(tile) + 1;
     if (const std::int64_t ready = plan.ready_edges[done]; ready > edges_done) {
-      kernels.edge_pass(passes.edges, edges_done, ready);
+      kernels.edge_pass(passes.edges, edges_done * groups, ready * groups);
       edges_done = ready;
     }
     if (const std::int64_t ready = std::min(plan.ready_rows[done], part.last_rows); ready > rows_done) {
-      kernels.force_pass(passes.forces, rows_done * Sparsity::window_rows,
-                         std::min(ready * Sparsity::window_rows, sparsity.nodes));
+      kernels.force_pass(passes.forces, rows_done * sparsity.window_rows,
+                         std::min(ready * sparsity.window_rows, sparsity.nodes));
       kernels.row_pass(passes.rows, rows_done * chunks, std::min(ready * chunks, sparsity.chunks));
       rows_done = ready;
     }
@@ -157,7 +159,7 @@ void assemble_elements(const ElementData& elements, const Sparsity& sparsity,
   all.elements.energies = system.energies.empty() ? nullptr : system.energies.data();
   all.edges.lane_edges = system.plan.lane_edges.data();
   all.edges.lane_start = sparsity.lane_start.data();
-  all.edges.lane_items = system.plan.lane_items.data();
+  all.edges.lane_corners = system.plan.lane_corners.data();
   all.edges.scale = static_cast<Real>(coefficients.damping.beta_s * h + h * h);
   all.rows = row_pass(sparsity, free_node, system);
   all.forces.incident_start = elements.incident_start.data();

@@ -37,17 +37,16 @@ struct RowNeeds {
   std::vector<Need> tiles, edges;
 };
 RowNeeds needs_of_rows(const ElementData& elements, const Sparsity& sparsity) {
-  const std::int64_t windows = (sparsity.nodes + Sparsity::window_rows - 1) / Sparsity::window_rows;
+  const std::int64_t windows = (sparsity.nodes + sparsity.window_rows - 1) / sparsity.window_rows;
   RowNeeds needs{std::vector<Need>(at(windows)), std::vector<Need>(at(windows))};
   for (std::int64_t node = 0; node < sparsity.nodes; ++node) {
     for (std::int32_t k = elements.incident_start[at(node)]; k < elements.incident_start[at(node) + 1]; ++k)
-      needs.tiles[at(node / Sparsity::window_rows)].add(elements.incident[at(k)] / 4 /
-                                                        AssemblyPlan::tile_elements);
+      needs.tiles[at(node / sparsity.window_rows)].add(elements.incident[at(k)] / 4 /
+                                                       AssemblyPlan::tile_elements);
   }
   for (std::size_t e = 0; e < sparsity.edges.size(); ++e) {
     for (const std::int32_t node : sparsity.edges[e])
-      needs.edges[at(node / Sparsity::window_rows)].add(static_cast<std::int64_t>(e) /
-                                                        Sparsity::window_edges);
+      needs.edges[at(node / sparsity.window_rows)].add(static_cast<std::int64_t>(e) / Sparsity::window_edges);
   }
   return needs;
 }
@@ -110,19 +109,30 @@ AssemblyPlan plan_assembly(const ElementData& elements, const Sparsity& sparsity
   const auto place_of_edge = [&](std::int64_t e) {
     return e / window_edges % plan.ring_windows * window_edges + e % window_edges;
   };
-  plan.lane_items.reserve(sparsity.lane_items.size());
+  plan.lane_corners.reserve(2 * sparsity.lane_items.size());
   plan.block.reserve(sparsity.block.size());
+  plan.transposed.assign(sparsity.block.size() / 16, 0);
   plan.incident.reserve(elements.incident.size());
-  for (const std::int32_t item : sparsity.lane_items) {
-    const std::int64_t place = item / 16 < elements.count ? place_of_element(item / 16) : plan.elements();
-    plan.lane_items.push_back(static_cast<std::int32_t>(place * 16 + item % 16));
+  for (std::size_t row = 0; row < sparsity.lane_items.size(); row += 16) {
+    for (const bool second : {false, true}) {
+      for (std::size_t l = 0; l < 16; ++l) {
+        const std::int32_t item = sparsity.lane_items[row + l];
+        const std::int64_t place = item / 16 < elements.count ? place_of_element(item / 16) : plan.elements();
+        const std::int32_t corner = second ? item % 4 : item / 4 % 4;
+        plan.lane_corners.push_back(static_cast<std::int32_t>(place * 16 + 4 * corner));
+      }
+    }
   }
   const auto edges = static_cast<std::int64_t>(sparsity.edges.size());
   for (const std::int32_t edge : sparsity.lane_edges)
     plan.lane_edges.push_back(static_cast<std::int32_t>(edge < edges ? place_of_edge(edge) : plan.edges()));
-  for (const std::int32_t block : sparsity.block)
-    plan.block.push_back(block < 0 ? -1
-                                   : static_cast<std::int32_t>(place_of_edge(block / 2) * 2 + block % 2));
+  for (std::size_t k = 0; k < sparsity.block.size(); ++k) {
+    const std::int32_t block = sparsity.block[k];
+    const std::int64_t place = block < 0 ? plan.edges() + 1 : place_of_edge(block / 2);
+    plan.block.push_back(static_cast<std::int32_t>(12 * place));
+    if (block >= 0 && block % 2 == 1)
+      plan.transposed[k / 16] = static_cast<std::uint16_t>(plan.transposed[k / 16] | 1 << k % 16);
+  }
   for (const std::int32_t corner : elements.incident)
     plan.incident.push_back(static_cast<std::int32_t>(place_of_element(corner / 4) * 4 + corner % 4));
 

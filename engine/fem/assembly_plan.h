@@ -28,7 +28,11 @@ struct AssemblyPlan {
 
   // The lists of Sparsity and ElementData with places in the rings for numbers; padding: one behind the last
   // place.
-  std::vector<std::int32_t> lane_items, lane_edges, block, incident;
+  std::vector<std::int32_t> lane_edges, incident;
+  // Those that the hot loops gather by hold the place of the first number: of the records of corners a and b,
+  // [rows of lane_items][2][16], and of the blocks of entries; padding: zeros behind the last place.
+  std::vector<std::int32_t> lane_corners, block;
+  std::vector<std::uint16_t> transposed;  // [entries] bit l: row l takes the block transposed
 
   // What a thread does. Tiles from `next` on are the next threads', whose rotations it must not write.
   struct Part {

@@ -180,7 +180,7 @@ TEST(Sparsity, EveryEdgeStandsInTheLanesOnceWithAllItsItemsInOrder) {
     }
     const auto e = static_cast<std::size_t>(edge);
     ++seen[e];
-    EXPECT_EQ(place / 64, e / 64);
+    EXPECT_EQ(place / Sparsity::window_edges, e / Sparsity::window_edges);
     EXPECT_EQ(items, std::vector(s.edge_items.begin() + s.edge_start[e],
                                  s.edge_items.begin() + s.edge_start[e + 1]));
   }
@@ -193,7 +193,7 @@ void expect_rings_hold(const ElementData& elements, const Sparsity& s, const Ass
   std::vector<std::int64_t> element_at(static_cast<std::size_t>(plan.elements()), -1);
   std::vector<std::int64_t> edge_at(static_cast<std::size_t>(plan.edges()) + 1, -1);
   const auto own = [&](std::int32_t node) {
-    return node / Sparsity::window_rows >= part.first_rows && node / Sparsity::window_rows < part.last_rows;
+    return node / s.window_rows >= part.first_rows && node / s.window_rows < part.last_rows;
   };
   std::int64_t edges_done = part.first_edges, rows_done = part.first_rows;
   for (std::int64_t tile = part.first_tile; tile < part.last_tile; ++tile) {
@@ -202,25 +202,31 @@ void expect_rings_hold(const ElementData& elements, const Sparsity& s, const Ass
       element_at[static_cast<std::size_t>(tile % plan.ring_tiles * size + e)] = tile * size + e;
     const auto done = static_cast<std::size_t>(tile) + 1;
     for (; edges_done < plan.ready_edges[done]; ++edges_done) {
-      for (auto place = static_cast<std::size_t>(64 * edges_done);
-           place < static_cast<std::size_t>(64 * edges_done + 64); ++place) {
+      constexpr std::int64_t window = Sparsity::window_edges;
+      for (auto place = static_cast<std::size_t>(window * edges_done);
+           place < static_cast<std::size_t>(window * (edges_done + 1)); ++place) {
         const auto edge = static_cast<std::size_t>(s.lane_edges[place]);
         edge_at[static_cast<std::size_t>(plan.lane_edges[place])] = static_cast<std::int64_t>(edge);
         if (edge == s.edges.size() || !(own(s.edges[edge][0]) || own(s.edges[edge][1]))) continue;
         for (std::int32_t row = s.lane_start[place / 16]; row < s.lane_start[place / 16 + 1]; ++row) {
           const auto k = static_cast<std::size_t>(16 * row) + place % 16;
-          const std::int32_t item = s.lane_items[k], there = plan.lane_items[k];
-          if (item / 16 >= elements.count) {
-            ASSERT_EQ(there / 16, plan.elements());
-          } else {
-            ASSERT_EQ(element_at[static_cast<std::size_t>(there / 16)], item / 16);
-            ASSERT_EQ(there % 16, item % 16);
+          const std::int32_t item = s.lane_items[k];
+          for (const bool second : {false, true}) {
+            const std::int32_t there =
+                plan.lane_corners[static_cast<std::size_t>(32 * row + 16 * second) + place % 16];
+            if (item / 16 >= elements.count) {
+              ASSERT_EQ(there / 16, plan.elements());
+            } else {
+              ASSERT_EQ(element_at[static_cast<std::size_t>(there / 16)], item / 16);
+              ASSERT_EQ(there % 16, 4 * (second ? item % 4 : item / 4 % 4));
+            }
           }
         }
       }
     }
     for (; rows_done < std::min(plan.ready_rows[done], part.last_rows); ++rows_done) {
-      for (std::int64_t node = 64 * rows_done; node < std::min(64 * rows_done + 64, s.nodes); ++node) {
+      const std::int64_t rows = s.window_rows, chunks = rows / Sparsity::chunk_rows;
+      for (std::int64_t node = rows * rows_done; node < std::min(rows * (rows_done + 1), s.nodes); ++node) {
         for (std::int32_t k = elements.incident_start[static_cast<std::size_t>(node)];
              k < elements.incident_start[static_cast<std::size_t>(node) + 1]; ++k) {
           const std::int32_t there = plan.incident[static_cast<std::size_t>(k)];
@@ -228,14 +234,20 @@ void expect_rings_hold(const ElementData& elements, const Sparsity& s, const Ass
                     elements.incident[static_cast<std::size_t>(k)] / 4);
         }
       }
-      for (std::int64_t chunk = 4 * rows_done; chunk < std::min(4 * rows_done + 4, s.chunks); ++chunk) {
+      for (std::int64_t chunk = chunks * rows_done; chunk < std::min(chunks * (rows_done + 1), s.chunks);
+           ++chunk) {
         for (std::int32_t k = 16 * s.chunk_start[static_cast<std::size_t>(chunk)];
              k < 16 * s.chunk_start[static_cast<std::size_t>(chunk) + 1]; ++k) {
           const std::int32_t block = s.block[static_cast<std::size_t>(k)],
                              there = plan.block[static_cast<std::size_t>(k)];
-          if (block < 0) continue;
-          ASSERT_EQ(edge_at[static_cast<std::size_t>(there / 2)], block / 2);
-          ASSERT_EQ(there % 2, block % 2);
+          const auto entry = static_cast<std::size_t>(k / 16);
+          ASSERT_EQ(there % 12, 0);
+          if (block < 0) {
+            ASSERT_EQ(there / 12, plan.edges() + 1);  // zeros
+            continue;
+          }
+          ASSERT_EQ(edge_at[static_cast<std::size_t>(there / 12)], block / 2);
+          ASSERT_EQ(plan.transposed[entry] >> k % 16 & 1, block % 2);
         }
       }
     }
@@ -268,7 +280,7 @@ TEST(AssemblyPlan, WhatIsReadStandsInTheRingsStill) {
         row = part.last_rows;
       }
       EXPECT_EQ(tile, tiles);
-      EXPECT_EQ(row, (body.sparsity.nodes + 63) / 64);
+      EXPECT_EQ(row, (body.sparsity.nodes + body.sparsity.window_rows - 1) / body.sparsity.window_rows);
     }
     std::shuffle(mesh.tets.begin(), mesh.tets.end(), random);  // then in no order at all
   }

@@ -165,18 +165,13 @@ template <class Real>
 SULCUS_INLINE void sum_edges(const EdgePass<Real>& pass, const std::int32_t* edges, std::int32_t first_row,
                              std::int32_t last_row, int lane) {
   using V = Lanes<Real>;
-  constexpr int n = lane_count<Real>;
-  V block[9] = {}, trace{};
+  V block[9], trace{};
+  for (V& entry : block) entry = V{};
   for (std::int32_t row = first_row; row < last_row; ++row) {
-    const std::int32_t* items = pass.lane_items + 16 * static_cast<std::int64_t>(row) + lane;
-    std::int32_t corner_a[n], corner_b[n];
-    for (int l = 0; l < n; ++l) {
-      corner_a[l] = items[l] >> 2;
-      corner_b[l] = ((items[l] >> 4) << 2) + (items[l] & 3);
-    }
+    const std::int32_t* corners = pass.lane_corners + 32 * static_cast<std::int64_t>(row) + lane;
     V a[3], b[3], ratio;
-    gather<Real>(pass.records, 4, corner_a, a[0], a[1], a[2], ratio);
-    gather<Real>(pass.records, 4, corner_b, b[0], b[1], b[2]);
+    gather<Real>(pass.records, 1, corners, a[0], a[1], a[2], ratio);
+    gather<Real>(pass.records, 1, corners + 16, b[0], b[1], b[2]);
     for (int i = 0; i < 3; ++i) {
       const V scaled = ratio * a[i];
       for (int j = 0; j < 3; ++j) block[3 * i + j] += scaled * b[j] + b[i] * a[j];
@@ -191,8 +186,8 @@ SULCUS_INLINE void sum_edges(const EdgePass<Real>& pass, const std::int32_t* edg
 }
 
 template <class Real>
-void edge_pass(const EdgePass<Real>& pass, std::int64_t first_window, std::int64_t last_window) {
-  for (std::int64_t group = 4 * first_window; group < 4 * last_window; ++group) {
+void edge_pass(const EdgePass<Real>& pass, std::int64_t first_group, std::int64_t last_group) {
+  for (std::int64_t group = first_group; group < last_group; ++group) {
     for (int lane = 0; lane < 16; lane += lane_count<Real>) {
       sum_edges<Real>(pass, pass.lane_edges + 16 * group + lane, pass.lane_start[group],
                       pass.lane_start[group + 1], lane);
@@ -258,21 +253,15 @@ struct MaskTypes<double> {
 // The off-diagonal blocks of one entry of 16 rows: the edge's block, transposed for the row of its larger
 // node, zero for padding.
 template <class Real>
-SULCUS_INLINE void load_edge_blocks(const RowPass<Real>& pass, const std::int32_t* block, Real* values) {
+SULCUS_INLINE void load_edge_blocks(const RowPass<Real>& pass, std::int64_t entry, Real* values) {
   using V = Lanes<Real>;
-  using Integer = typename MaskTypes<Real>::Type;
-  alignas(64) std::int32_t index[16];
-  alignas(64) Integer odd[16];
-  bool padding = false;
-  for (int l = 0; l < 16; ++l) {
-    index[l] = block[l] < 0 ? 0 : block[l] >> 1;
-    odd[l] = block[l] & 1;
-    padding |= block[l] < 0;
-  }
+  using Integers = typename Vector<typename MaskTypes<Real>::Type, lane_count<Real>>::Type;
+  Integers bit;
+  for (int l = 0; l < lane_count<Real>; ++l) bit[l] = 1 << l;
   for (int l = 0; l < 16; l += lane_count<Real>) {
     V planes[9];
-    gather_planes<Real>(pass.blocks, 12, 4, index + l, planes);
-    const auto transposed = load<typename Vector<Integer, lane_count<Real>>::Type>(odd + l) != 0;
+    gather_planes<Real>(pass.blocks, 1, 4, pass.block + 16 * entry + l, planes);
+    const auto transposed = ((pass.transposed[entry] >> l) & bit) != 0;
     for (int i = 0; i < 3; ++i) {
       store(values + 16 * 4 * i + l, planes[4 * i]);
       for (int j = 0; j < i; ++j) {
@@ -281,10 +270,6 @@ SULCUS_INLINE void load_edge_blocks(const RowPass<Real>& pass, const std::int32_
         store(values + 16 * (3 * j + i) + l, transposed ? lower : upper);
       }
     }
-  }
-  for (int l = 0; padding && l < 16; ++l) {
-    if (block[l] >= 0) continue;
-    for (int k = 0; k < 9; ++k) values[16 * k + l] = Real(0);
   }
 }
 
@@ -297,7 +282,7 @@ SULCUS_INLINE void make_rows(const RowPass<Real>& pass, std::int64_t first_chunk
     load_node_terms<Real>(pass, nodes, diagonal);
     for (std::int64_t entry = pass.chunk_start[chunk]; entry < pass.chunk_start[chunk + 1]; ++entry) {
       Real* values = pass.values + 9 * 16 * entry;
-      if constexpr (!filled) load_edge_blocks<Real>(pass, pass.block + 16 * entry, values);
+      if constexpr (!filled) load_edge_blocks<Real>(pass, entry, values);
       for (int k = 0; k < 9 * 16; k += lane_count<Real>) {
         store(diagonal + k, load<V>(diagonal + k) - load<V>(values + k));
       }

@@ -41,19 +41,20 @@ template <class Real>
 struct EdgePass {
   const std::int32_t* lane_edges = nullptr;  // AssemblyPlan::lane_*
   const std::int32_t* lane_start = nullptr;  // Sparsity::lane_start
-  const std::int32_t* lane_items = nullptr;
+  const std::int32_t* lane_corners = nullptr;
   const Real* records = nullptr;  // and 16 zeros behind the last
   Real scale = 0;                 // beta h + h^2
   Real* blocks =
-      nullptr;  // [12*places + 12] block (a, b) of scale * K, row major, rows padded to 4; last: scratch
+      nullptr;  // [12*places + 24] block (a, b) of scale * K, row major, rows padded to 4; scratch, zeros
 };
 
 template <class Real>
 struct RowPass {
   const std::int32_t* node_of_slot = nullptr;
   const std::int32_t* chunk_start = nullptr;
-  const std::int32_t* block = nullptr;  // AssemblyPlan::block
-  const Real* blocks = nullptr;         // EdgePass::blocks
+  const std::int32_t* block = nullptr;        // AssemblyPlan::block
+  const std::uint16_t* transposed = nullptr;  // AssemblyPlan::transposed
+  const Real* blocks = nullptr;               // EdgePass::blocks
   const Real* node_terms = nullptr;  // [16*nodes] added to the diagonal block (9, row major, last 7 unused)
   const std::uint8_t* free_node = nullptr;  // [nodes] 1: moves, 0: held
   Real* values = nullptr;                   // [entries*9*16] planes of 16 lanes
@@ -84,7 +85,8 @@ struct EnergyPass {
 template <class Real>
 struct FemKernels {
   void (*element_pass)(const ElementPass<Real>&, std::int64_t first_block, std::int64_t last_block) = nullptr;
-  void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_window, std::int64_t last_window) = nullptr;
+  // Groups of 16 lanes.
+  void (*edge_pass)(const EdgePass<Real>&, std::int64_t first_group, std::int64_t last_group) = nullptr;
   // Values of the rows from the blocks of their edges, and what close_rows does.
   void (*row_pass)(const RowPass<Real>&, std::int64_t first_chunk, std::int64_t last_chunk) = nullptr;
   // Diagonal blocks, node_terms minus the sum of the row's values, and their inverses.

@@ -77,6 +77,7 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
   collect_edges(mesh, s);
   put_edges_in_lanes(mesh.tets.size(), s);
   s.nodes = static_cast<std::int64_t>(mesh.rest_positions.size());
+  if (s.nodes < 1024) s.window_rows = 64;
   const auto nodes = static_cast<std::size_t>(s.nodes);
 
   // neighbours of each node, ascending by node
@@ -108,8 +109,8 @@ Sparsity build_sparsity(const EmbeddingMesh& mesh) {
   const auto length = [&](std::int32_t node) {
     return start[static_cast<std::size_t>(node) + 1] - start[static_cast<std::size_t>(node)];
   };
-  for (std::int64_t first = 0; first < s.nodes; first += Sparsity::window_rows) {
-    const std::int64_t last = std::min<std::int64_t>(first + Sparsity::window_rows, s.nodes);
+  for (std::int64_t first = 0; first < s.nodes; first += s.window_rows) {
+    const std::int64_t last = std::min<std::int64_t>(first + s.window_rows, s.nodes);
     std::vector<std::int32_t> window;
     for (std::int64_t node = first; node < last; ++node) window.push_back(static_cast<std::int32_t>(node));
     std::stable_sort(window.begin(), window.end(),

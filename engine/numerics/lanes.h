@@ -106,11 +106,25 @@ SULCUS_INLINE typename Vector<Real, count>::Type load_groups(const Real* from, i
   } else {
     const auto low = load_groups<Real, count / 2>(from, stride, index);
     const auto high = load_groups<Real, count / 2>(from, stride, index + count / 2);
-    if constexpr (count == 8) {
-      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
-    } else {
-      return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    typename Vector<Real, count>::Type both;
+    // said in so many words, since compilers make shuffles of registers of what an insertion from memory does
+#if defined(__AVX512F__)
+    if constexpr (sizeof both == 64) {
+      both = (typename Vector<Real, count>::Type)_mm512_maskz_insertf64x4(
+          0xff, _mm512_castpd256_pd512((__m256d)low), (__m256d)high, 1);
+      return both;
     }
+#endif
+#if defined(__AVX2__)
+    if constexpr (sizeof both == 32) {
+      both = (typename Vector<Real, count>::Type)_mm256_insertf128_ps(_mm256_castps128_ps256((__m128)low),
+                                                                      (__m128)high, 1);
+      return both;
+    }
+#endif
+    std::memcpy(&both, &low, sizeof low);
+    std::memcpy(reinterpret_cast<char*>(&both) + sizeof low, &high, sizeof high);
+    return both;
   }
 }
 
@@ -143,6 +157,30 @@ SULCUS_INLINE void gather(const Real* from, int stride, const std::int32_t* inde
   gather<Real>(from, stride, index, x, y, z, fourth);
 }
 
+// Groups of four lanes: the one from lane l on to place(l).
+template <class Real, class Place>
+SULCUS_INLINE void store_groups(const Lanes<Real>& v, const Place& place) {
+  constexpr int n = lane_count<Real>;
+  if constexpr (n == 4) {
+    store(place(0), v);
+  } else if constexpr (sizeof(Real) == 4) {
+#if defined(__AVX512F__)
+    const __m256 low = (__m256)__builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7);
+    const __m256 high = (__m256)_mm512_maskz_extractf64x4_pd(0xff, (__m512d)v, 1);
+    _mm_storeu_ps(place(0), _mm256_castps256_ps128(low));
+    _mm_storeu_ps(place(4), _mm256_extractf128_ps(low, 1));
+    _mm_storeu_ps(place(8), _mm256_castps256_ps128(high));
+    _mm_storeu_ps(place(12), _mm256_extractf128_ps(high, 1));
+#elif defined(__AVX2__)
+    _mm_storeu_ps(place(0), _mm256_castps256_ps128((__m256)v));
+    _mm_storeu_ps(place(4), _mm256_extractf128_ps((__m256)v, 1));
+#endif
+  } else {
+    store(place(0), __builtin_shufflevector(v, v, 0, 1, 2, 3));
+    store(place(4), __builtin_shufflevector(v, v, 4, 5, 6, 7));
+  }
+}
+
 // Four vectors into four neighbouring numbers of each lane: lane l to place(l).
 template <class Real, class Place>
 SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Real> d, const Place& place) {
@@ -157,12 +195,10 @@ SULCUS_INLINE void scatter(Lanes<Real> a, Lanes<Real> b, Lanes<Real> c, Lanes<Re
     }
   } else {
     transpose_groups(a, b, c, d);
-    const Lanes<Real> rows[4] = {a, b, c, d};
-    for (int k = 0; k < 4; ++k) {
-      Real numbers[n];
-      store(numbers, rows[k]);
-      for (int l = 0; l < n; l += 4) std::memcpy(place(l + k), numbers + l, 4 * sizeof(Real));
-    }
+    store_groups<Real>(a, [&](int l) { return place(l); });
+    store_groups<Real>(b, [&](int l) { return place(l + 1); });
+    store_groups<Real>(c, [&](int l) { return place(l + 2); });
+    store_groups<Real>(d, [&](int l) { return place(l + 3); });
   }
 }
 

@@ -112,7 +112,7 @@ struct KrylovMethod : Method {
     const std::size_t lists = sparsity.edge_items.size() + sparsity.lane_items.size() +
                               sparsity.column.size() + sparsity.block.size() +
                               sparsity.place_of_block.size() + elements.nodes.size() +
-                              elements.incident.size() + plan.lane_items.size() + plan.lane_edges.size() +
+                              elements.incident.size() + plan.lane_corners.size() + plan.lane_edges.size() +
                               plan.block.size() + plan.incident.size();
     return static_cast<double>(numbers * sizeof(Real) + rest + 4 * lists + 8 * system.rotations.size());
   }
