@@ -1,5 +1,7 @@
 #include "verify/recording.h"
 
+#include <nlohmann/json.hpp>
+
 #include "engine/numerics/error.h"
 #include "verify/recording_fields.h"
 
@@ -37,6 +39,16 @@ void check_header(const RunHeader& header, const std::string& place) {
                        std::to_string(header.node_count()) + " nodes");
 }
 
+namespace {
+// Of State::past_increments, as the scenario asks for them.
+std::size_t past_numbers(const RunHeader& header) {
+  const auto scenario = nlohmann::json::parse(header.scenario_json, nullptr, false);
+  const auto start = nlohmann::json::json_pointer("/solver/start");
+  const bool past = scenario.is_object() && scenario.contains(start) && scenario[start] == "past";
+  return past ? 6 * static_cast<std::size_t>(header.node_count()) : 0;
+}
+}  // namespace
+
 State sized_state(const RunHeader& header) {
   const auto nodes = static_cast<std::size_t>(header.node_count());
   const auto tets = static_cast<std::size_t>(header.tet_count());
@@ -50,6 +62,8 @@ State sized_state(const RunHeader& header) {
   state.tool_poses.resize(7 * tools);
   state.tool_momenta.resize(6 * tools);
   state.filtered_forces.resize(6 * tools);
+  state.past_increments.resize(past_numbers(header));
+  state.past_impulses.resize(past_numbers(header));
   return state;
 }
 
@@ -67,6 +81,8 @@ void check_state_sizes(const State& state, const RunHeader& header, const std::s
   check("tool_poses", state.tool_poses.size(), 7 * header.tool_count());
   check("tool_momenta", state.tool_momenta.size(), 6 * header.tool_count());
   check("filtered_forces", state.filtered_forces.size(), 6 * header.tool_count());
+  check("past_increments", state.past_increments.size(), static_cast<std::int64_t>(past_numbers(header)));
+  check("past_impulses", state.past_impulses.size(), static_cast<std::int64_t>(past_numbers(header)));
 }
 
 }  // namespace sulcus

@@ -123,6 +123,24 @@ TEST(Recording, SameRunGivesTheSameFingerprintAndWallClockDoesNotEnter) {
   EXPECT_EQ(writer.fingerprint(), read_run(dir / "a.h5").fingerprint());
 }
 
+TEST(Recording, KeepsWhatTheSolverBeginsWithWhereTheScenarioAsksForIt) {
+  const auto dir = test::scratch_dir();
+  RunHeader header = test::small_header();
+  header.scenario_json = R"({"solver": {"start": "past"}})";
+  State state = test::small_state(header);
+  state.past_increments.assign(2 * header.rest_positions.size(), 0.25);
+  state.past_impulses.assign(2 * header.rest_positions.size(), -0.5);
+  RunWriter writer(dir / "run.h5", header, state);
+  writer.finish(state);
+  const State read = read_run(dir / "run.h5").final_state;
+  EXPECT_EQ(read.past_increments, state.past_increments);
+  EXPECT_EQ(read.past_impulses, state.past_impulses);
+
+  RunWriter without(dir / "without.h5", header, state);
+  state.past_increments.clear();
+  EXPECT_THROW(without.finish(state), InputError);
+}
+
 TEST(Recording, StandsUnderItsNameOnlyWhenFinished) {
   const auto path = test::scratch_dir() / "run.h5";
   const RunHeader header = test::small_header();

@@ -21,7 +21,7 @@
 
 namespace sulcus {
 
-inline constexpr std::uint32_t session_log_version = 3;
+inline constexpr std::uint32_t session_log_version = 4;
 
 struct SessionLogSizes {
   std::size_t tick_bytes = std::size_t{1} << 22;  // ring of each servo: some ten seconds

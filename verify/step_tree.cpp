@@ -30,12 +30,13 @@ struct LeafSource {
   bool of_state;
 };
 constexpr LeafSource sources[] = {
-    {"sample/device", false},    {"contacts/contacts", false},   {"assembly/rotations", true},
-    {"assembly/forces", false},  {"assembly/matrix", false},     {"assembly/diagonal", false},
-    {"assembly/inverse", false}, {"solve/increments", false},    {"solve/tool_increments", false},
-    {"solve/positions", true},   {"solve/velocities", true},     {"solve/step", true},
-    {"solve/tool_poses", true},  {"solve/tool_momenta", true},   {"coupling/filtered_forces", true},
-    {"fracture/alive", true},    {"fracture/steps_above", true},
+    {"sample/device", false},        {"contacts/contacts", false},       {"assembly/rotations", true},
+    {"assembly/forces", false},      {"assembly/matrix", false},         {"assembly/diagonal", false},
+    {"assembly/inverse", false},     {"solve/increments", false},        {"solve/tool_increments", false},
+    {"solve/positions", true},       {"solve/velocities", true},         {"solve/step", true},
+    {"solve/past_increments", true}, {"solve/past_impulses", true},      {"solve/tool_poses", true},
+    {"solve/tool_momenta", true},    {"coupling/filtered_forces", true}, {"fracture/alive", true},
+    {"fracture/steps_above", true},
 };
 
 std::string field_of(const std::string& leaf) {
@@ -137,6 +138,8 @@ std::string place_of(const std::string& field, std::size_t index) {
   };
   if (field == "positions" || field == "velocities" || field == "forces" || field == "increments")
     return " (" + item("node", 3) + ", " + axes[index % 3] + ")";
+  if (field == "past_increments" || field == "past_impulses")
+    return " (number " + std::to_string(index / 3) + " of the nodes of two steps, " + axes[index % 3] + ")";
   if (field == "rotations") return " (" + item("element", 4) + ", " + pose[3 + index % 4] + ")";
   if (field == "alive" || field == "steps_above") return " (" + item("element", 1) + ")";
   if (field == "tool_poses") return " (" + item("tool", 7) + ", " + pose[index % 7] + ")";

@@ -5,7 +5,8 @@
 //   sample     device
 //   contacts   contacts (tetrahedron, gap, normal, arm and weights of each)
 //   assembly   rotations*, forces, matrix, diagonal, inverse
-//   solve      increments, tool_increments, positions*, velocities*, step*, tool_poses*, tool_momenta*
+//   solve      increments, tool_increments, positions*, velocities*, step*, tool_poses*, tool_momenta*,
+//              past_increments*, past_impulses*
 //   coupling   filtered_forces*
 //   fracture   alive*, steps_above*
 //

@@ -84,6 +84,11 @@ void check(const SceneDescription& d, std::int64_t nodes) {
   check_contact("", d.contact);
   check_positive("the solver's tolerance", d.solver.tolerance);
   check_positive("the solver's iteration cap", d.solver.max_iterations);
+  if (d.solver.first_guess == FirstGuess::past && (!d.motions.empty() || d.contact.prescribed))
+    throw InputError(
+        "scene: the solver cannot begin at the past where nodes are led (motions, prescribed contact); leave "
+        "its "
+        "start at the velocities");
   if (!d.gravity.allFinite()) throw InputError("scene: gravity is not finite");
   for (const Tool& tool : d.tools) check_tool(tool);
   for (const Obstacle& obstacle : d.obstacles) check_obstacle(obstacle);

@@ -78,24 +78,28 @@ void expect_same(const State& a, const State& b) {
   EXPECT_EQ(a.tool_poses, b.tool_poses);
   EXPECT_EQ(a.tool_momenta, b.tool_momenta);
   EXPECT_EQ(a.filtered_forces, b.filtered_forces);
+  EXPECT_EQ(a.past_increments, b.past_increments);
+  EXPECT_EQ(a.past_impulses, b.past_impulses);
 }
 
-TEST(Step, SearchedFromRestIsTheSameAndMoreWork) {
+TEST(Step, IsTheSameWhereverItsSearchBeginsAndThePastSavesMost) {
   std::vector<State> ends;
   std::vector<int> iterations;
-  for (const bool from_rest : {false, true}) {
+  for (const FirstGuess first : {FirstGuess::past, FirstGuess::velocity, FirstGuess::rest}) {
     SceneDescription d = pressed_block(Precision::double_precision);
     d.solver.tolerance = 1e-9;
     d.solver.velocity_floor_m_s = 1e-13;
-    d.solver.from_rest = from_rest;
+    d.solver.first_guess = first;
     std::vector<StepReport> reports;
     ends.push_back(run(build(std::move(d)), 40, 2, widest_isa(), &reports).back());
     iterations.push_back(0);
     for (const StepReport& report : reports) iterations.back() += report.iterations;
   }
-  for (std::size_t i = 0; i < ends[0].positions.size(); ++i)
-    EXPECT_NEAR(ends[0].positions[i], ends[1].positions[i], 1e-9);
-  EXPECT_GT(iterations[1], iterations[0]);
+  for (std::size_t k = 1; k < ends.size(); ++k) {
+    for (std::size_t i = 0; i < ends[0].positions.size(); ++i)
+      EXPECT_NEAR(ends[0].positions[i], ends[k].positions[i], 1e-9);
+    EXPECT_GT(iterations[k], iterations[k - 1]);
+  }
 }
 
 TEST(Step, TissueAtRestStaysAtRest) {
@@ -219,8 +223,19 @@ TEST(Step, GivesTheSameBitsForEveryThreadCountAndInstructionSet) {
   }
 }
 
+TEST(Step, BegunAtThePastGivesTheSameBitsForEveryThreadCount) {
+  SceneDescription d = pressed_block(Precision::single_precision);
+  d.solver.first_guess = FirstGuess::past;
+  const Scene scene = build(std::move(d));
+  const State reference = run(scene, 60, 1, Isa::sse2).back();
+  EXPECT_GT(*std::max_element(reference.past_increments.begin(), reference.past_increments.end()), 0);
+  for (int threads : {2, 3}) expect_same(run(scene, 60, threads).back(), reference);
+}
+
 TEST(Step, WorkspaceHoldsNothingOfTheFuture) {
-  const Scene scene = build(pressed_block(Precision::single_precision));
+  SceneDescription d = pressed_block(Precision::single_precision);
+  d.solver.first_guess = FirstGuess::past;  // the state must hold what that needs
+  const Scene scene = build(std::move(d));
   const std::vector<State> states = run(scene, 60, 1);
   State state = states[29];
   StepReport report = make_report(scene);
@@ -233,7 +248,9 @@ TEST(Step, WorkspaceHoldsNothingOfTheFuture) {
 }
 
 TEST(Step, AllocatesNothingAfterTheFirst) {
-  const Scene scene = build(pressed_block(Precision::single_precision));
+  SceneDescription d = pressed_block(Precision::single_precision);
+  d.solver.first_guess = FirstGuess::past;
+  const Scene scene = build(std::move(d));
   DeviceSample sample = press(0);
   State state = initial_state(scene, std::span(&sample, 1));
   WorkspacePtr workspace = make_workspace(scene, 2);

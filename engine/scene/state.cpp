@@ -2,6 +2,8 @@
 
 #include <cassert>
 
+#include "engine/scene/past.h"
+
 namespace sulcus {
 
 State initial_state(const Scene& scene, std::span<const DeviceSample> samples) {
@@ -30,6 +32,8 @@ State initial_state(const Scene& scene, std::span<const DeviceSample> samples) {
   }
   state.tool_momenta.assign(samples.size() * 6, 0.0);
   state.filtered_forces.assign(samples.size() * 6, 0.0);
+  state.past_increments.assign(past_size(scene), 0.0);
+  state.past_impulses.assign(past_size(scene), 0.0);
   return state;
 }
 

@@ -20,6 +20,9 @@ struct State {
   std::vector<double> tool_poses;         // [7*tools], centre of mass (m) and orientation (s,x,y,z)
   std::vector<double> tool_momenta;       // [6*tools], linear (kg m/s) and angular (kg m^2/s)
   std::vector<double> filtered_forces;    // [6*tools], N and N m, displayed to the hand
+  // Of the last two steps, that of step n at n % 2, where a step's solver begins with them (past.h); else
+  // empty. [2][3*nodes] change of the velocities, m/s, and what the step's matrix makes of it, N s
+  std::vector<double> past_increments, past_impulses;
 };
 
 // At rest, or at the scene's start positions; without the singular vertices and edges that the mesh itself
@@ -40,6 +43,8 @@ void for_each_field(SomeState& state, Visit&& visit) {
   visit(std::string_view("tool_poses"), std::span(state.tool_poses));
   visit(std::string_view("tool_momenta"), std::span(state.tool_momenta));
   visit(std::string_view("filtered_forces"), std::span(state.filtered_forces));
+  visit(std::string_view("past_increments"), std::span(state.past_increments));
+  visit(std::string_view("past_impulses"), std::span(state.past_impulses));
 }
 
 RigidBodyState tool_state(const State& state, std::size_t tool);

@@ -14,6 +14,7 @@
 #include "engine/numerics/team.h"
 #include "engine/scene/contact_system.h"
 #include "engine/scene/energy_ledger.h"
+#include "engine/scene/past.h"
 #include "engine/scene/precision_error.h"
 #include "engine/scene/prescribed_contact.h"
 #include "engine/scene/system.h"
@@ -342,6 +343,8 @@ void step_in(const Scene& scene, std::span<const DeviceSample> given, State& sta
   if (observer != nullptr) observer->stage_done(Stage::contacts);
 
   const bool broken = !solve_for_contacts(scene, samples, state, report, numbers, workspace, observer);
+  if (scene.settings.solver.first_guess == FirstGuess::past)
+    keep_for_guess(scene, workspace, numbers.solver, state);
 
   report_contacts(scene, state, workspace, report);
   if (leads) report_led(workspace, report);
@@ -407,6 +410,7 @@ WorkspacePtr make_workspace(const Scene& scene, int threads, Isa isa) {
     workspace->row_of_node.assign(nodes, -1);
     workspace->touched.reserve(nodes);
   }
+  if (past_size(scene) > 0) workspace->past_products.assign(5 * past_blocks(scene), 0.0);
   if (scene.settings.contact.prescribed) workspace->led.reserve(nodes);
   if (scene.settings.ledger) workspace->places.assign(3 * nodes, 0.0);
   if (scene.distance) {

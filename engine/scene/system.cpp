@@ -1,6 +1,7 @@
 #include "engine/scene/system.h"
 
 #include "engine/scene/contact_system.h"
+#include "engine/scene/past.h"
 #include "engine/scene/prescribed_contact.h"
 
 #include <Eigen/Cholesky>
@@ -239,6 +240,9 @@ SolveResult solve(const Scene& scene, const State& state, const Effort& effort, 
   if (solver.start != Start::pause) {
     eliminate_tools(scene, numbers, workspace);
     if (!scene.settings.motions.empty()) prescribe(scene, state, solver);
+    if (scene.settings.solver.first_guess == FirstGuess::past && solver.start == Start::rest &&
+        guess_from_past(scene, state, workspace, solver))
+      solver.start = Start::guess;
   }
   const RowMatrix<Real> matrix = row_matrix(scene, numbers);
   const double floor = effort.floor_m_s * std::sqrt(scene.total_mass_kg);
@@ -292,7 +296,7 @@ std::unique_ptr<Numbers<Real>> make_numbers(const Scene& scene, int threads, Isa
   numbers->system = make_system_matrix<Real>(scene.elements, scene.sparsity, isa, threads,
                                              scene.settings.energies && !scene.settings.ledger);
   numbers->solver = make_solver_workspace<Real>(scene.sparsity, isa, threads);
-  if (scene.solves_again() || scene.settings.solver.from_rest)
+  if (scene.solves_again() || scene.settings.solver.first_guess != FirstGuess::velocity)
     numbers->solver.guess.assign(numbers->solver.b.size(), Real(0));
   if (scene.solves_again()) {
     const std::size_t contacts = most_contacts(scene);
@@ -405,7 +409,7 @@ template <class Real>
 SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample> samples, State& state,
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
                                const Effort& effort, bool again) {
-  const bool from_rest = scene.settings.solver.from_rest && !again;
+  const bool from_rest = scene.settings.solver.first_guess == FirstGuess::rest && !again;
   numbers.solver.start = again || from_rest ? Start::guess : Start::rest;
   if (again) guess_last_solution(numbers.solver);
   if (from_rest) guess_rest(scene, state, workspace, numbers.solver);

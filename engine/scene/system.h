@@ -78,6 +78,7 @@ struct Workspace {
   double path_work_J = 0;                 // of all motions in the step
   std::vector<double> places;             // [3*nodes] m, of the ledger
   std::vector<Vec3> plane_forces;         // [planes] N
+  std::vector<double> past_products;      // [5*blocks of nodes], of scenes that guess from the past
 };
 
 // Place of entry d of a node in a solver vector.

@@ -16,14 +16,17 @@ namespace sulcus {
 enum class Precision { single_precision, double_precision };
 enum class Preconditioner { block_jacobi, multigrid, automatic };  // automatic: by a rule, scene/scene.h
 
+// Where the search for the velocities at the end of a step begins: at those of its start; at tissue that
+// stands still, for comparison; at what the changes in the last two steps let expect (scene/past.h).
+enum class FirstGuess { velocity, rest, past };
+
 struct SolverSettings {
   Preconditioner preconditioner = Preconditioner::block_jacobi;
   Precision precision = Precision::single_precision;
   double tolerance =
       1e-3;  // of |r| / |b| in the norm of the preconditioner, |r|^2 = r . D^-1 r; b: right-hand side
   int max_iterations = 1000;
-  // Whether the search begins with tissue at rest, for comparison, in place of the velocities that it has.
-  bool from_rest = false;
+  FirstGuess first_guess = FirstGuess::velocity;
   double velocity_floor_m_s =
       1e-8;  // m/s; |r| below this times the root of the tissue's mass is converged in any case
 };

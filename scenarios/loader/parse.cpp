@@ -179,7 +179,10 @@ void read_solver(const json& object, Scenario& scenario) {
   solver.preconditioner = preconditioner == "block_jacobi" ? Preconditioner::block_jacobi
                           : preconditioner == "multigrid"  ? Preconditioner::multigrid
                                                            : Preconditioner::automatic;
-  solver.from_rest = object.value("start", "velocity") == "rest";
+  const std::string start = object.value("start", "velocity");
+  solver.first_guess = start == "rest"   ? FirstGuess::rest
+                       : start == "past" ? FirstGuess::past
+                                         : FirstGuess::velocity;
   read(object, "tolerance", solver.tolerance);
   read(object, "max_iterations", solver.max_iterations);
   read(object, "measure_error_every_steps", scenario.measure_error_every_steps);
