@@ -185,6 +185,7 @@ void read_solver(const json& object, Scenario& scenario) {
                                          : FirstGuess::velocity;
   read(object, "tolerance", solver.tolerance);
   read(object, "max_iterations", solver.max_iterations);
+  read(object, "velocity_floor_m_s", solver.velocity_floor_m_s);
   read(object, "measure_error_every_steps", scenario.measure_error_every_steps);
 }
 

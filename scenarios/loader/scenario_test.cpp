@@ -130,6 +130,8 @@ TEST(Scenarios, DefaultsOfTheSchemaAreThoseOfTheEngine) {
   EXPECT_EQ(scenario.scene.step_s, default_of("/properties/time/properties/step_s"));
   EXPECT_EQ(scenario.scene.solver.tolerance, default_of("/properties/solver/properties/tolerance"));
   EXPECT_EQ(scenario.scene.solver.max_iterations, default_of("/properties/solver/properties/max_iterations"));
+  EXPECT_EQ(scenario.scene.solver.velocity_floor_m_s,
+            default_of("/properties/solver/properties/velocity_floor_m_s"));
   EXPECT_EQ(scenario.scene.material.youngs_modulus_Pa,
             default_of("/definitions/material/properties/youngs_modulus_Pa"));
   EXPECT_EQ(scenario.scene.material.poisson_ratio,
