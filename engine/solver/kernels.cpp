@@ -334,6 +334,22 @@ SULCUS_INLINE void store_inverse(const Real* d, Real scale, Real* to) {
   store(to + 8, F{cc * s, (b * c - a * f) * s, (a * e - b * b) * s, Real(0)});
 }
 
+template <class Real>
+void share_slots(const RowMatrix<Real>& a, const LevelView<Real>& levels, std::int64_t first_chunk,
+                 std::int64_t last_chunk) {
+  using V = Lanes<Real>;
+  for (std::int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
+    for (int l = 0; l < rows; l += lane_count<Real>) {
+      const auto wanted = __builtin_convertvector(
+          load<typename Vector<float, lane_count<Real>>::Type>(levels.slot_share + chunk * rows + l), V);
+      for (int i = 0; i < 3; ++i) {
+        const auto moves = load<V>(a.inverse + (chunk * 9 + 4 * i) * rows + l) != Real(0);
+        store(levels.share + (chunk * 3 + i) * rows + l, moves ? wanted : V{});
+      }
+    }
+  }
+}
+
 // Q K Q^T for the symmetric K of all corners of a cell at once.
 template <class Real>
 void turn_corners(const LevelView<Real>& levels, std::int64_t cell) {
@@ -388,9 +404,10 @@ void level_blocks(const LevelView<Real>& levels, std::int64_t first_node, std::i
 
 template <class Real>
 SolverKernels<Real> solver_table() {
-  return {multiply<Real>,       advance<Real>,          direct<Real>,       advance_packing<Real>,
-          restrict_slots<Real>, restrict_nodes<Real>,   climb<Real>,        correct_nodes<Real>,
-          correct<Real>,        direct_corrected<Real>, turn_corners<Real>, level_blocks<Real>};
+  return {multiply<Real>,       advance<Real>,          direct<Real>,      advance_packing<Real>,
+          restrict_slots<Real>, restrict_nodes<Real>,   climb<Real>,       correct_nodes<Real>,
+          correct<Real>,        direct_corrected<Real>, share_slots<Real>, turn_corners<Real>,
+          level_blocks<Real>};
 }
 template SolverKernels<float> solver_table<float>();
 template SolverKernels<double> solver_table<double>();

@@ -41,8 +41,9 @@ struct LevelView {
   const std::int32_t *corner_start = nullptr, *corners = nullptr;
   const float *stiffness = nullptr, *mass = nullptr, *weight = nullptr;
   const Real *up_share = nullptr, *up_count = nullptr;
-  const Real *share = nullptr, *turns = nullptr, *added = nullptr;
-  Real* turned = nullptr;
+  const float* slot_share = nullptr;
+  const Real *turns = nullptr, *added = nullptr;
+  Real *share = nullptr, *turned = nullptr;
   Real *inverse = nullptr, *residual = nullptr, *correction = nullptr;
   double* sums = nullptr;
 };
@@ -83,6 +84,9 @@ struct SolverKernels {
   // p = z + P correction + beta p, and packed likewise
   void (*direct_corrected)(const RowMatrix<Real>&, const LevelView<Real>&, Real beta, const Real* z, Real* p,
                            Real* packed, std::int64_t first_block, std::int64_t last_block) = nullptr;
+  // share of each slot's entries: that of the slot where the matrix lets it move, else 0
+  void (*share_slots)(const RowMatrix<Real>&, const LevelView<Real>&, std::int64_t first_chunk,
+                      std::int64_t last_chunk) = nullptr;
   // stiffness of a cell's corners, turned
   void (*turn_corners)(const LevelView<Real>&, std::int64_t cell) = nullptr;
   // diagonal blocks of coarse nodes and their inverses

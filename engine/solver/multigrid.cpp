@@ -356,6 +356,7 @@ LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {
   v.weight = m.weight.data();
   v.up_share = w.up_share.data();
   v.up_count = w.up_count.data();
+  v.slot_share = m.slot_share.data();
   v.share = w.share.data();
   v.turns = w.turns.data();
   v.turned = w.turned.data();
@@ -454,12 +455,7 @@ void set_up_multigrid(const Multigrid& m, const RowMatrix<Real>& matrix, std::sp
   {
     const int thread = omp_get_thread_num();
     const Range chunks = share(matrix.chunks, thread, threads);
-    for (std::int64_t plane = 3 * chunks.first; plane < 3 * chunks.last; ++plane) {
-      const float* wanted = &m.slot_share[at(16 * (plane / 3))];
-      const Real* diagonal = matrix.inverse + 144 * (plane / 3) + 64 * (plane % 3);
-      Real* to = &workspace.share[at(16 * plane)];
-      for (int l = 0; l < 16; ++l) to[l] = diagonal[l] == Real(0) ? Real(0) : static_cast<Real>(wanted[l]);
-    }
+    kernels.share_slots(matrix, levels, chunks.first, chunks.last);
     for (std::int64_t level = 0; level < m.levels; ++level) {
       const std::int64_t count = m.first_cell[at(level) + 1] - m.first_cell[at(level)];
       const Range cells = share(count, thread, threads);
