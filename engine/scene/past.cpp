@@ -1,5 +1,7 @@
 #include "engine/scene/past.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace sulcus {
@@ -69,7 +71,8 @@ bool guess_from_past(const Scene& scene, const State& state, Workspace& workspac
     all.n += sums[k + 3], all.o += sums[k + 4];
   }
   if (!(all.nn > 0)) return false;
-  const auto [n, o] = best_weights(all);
+  const std::array<double, 2> weights = best_weights(all);
+  const double n = weights[0], o = weights[1];
   const std::span<const std::uint8_t> free_node = free_nodes(scene, workspace.view);
 #pragma omp parallel for num_threads(workspace.threads) schedule(static)
   for (std::int64_t node = 0; node < nodes; ++node) {
