@@ -117,6 +117,7 @@ SceneDescription pressed(Precision precision) {
   d.contact.stiffness_N_m = 30;
   d.solver.precision = precision;
   d.solver.tolerance = 1e-4;
+  d.solver.first_guess = FirstGuess::past;
   return d;
 }
 
