@@ -10,29 +10,31 @@ constexpr int rows = 16;
 
 #define SULCUS_MEMBER inline __attribute__((always_inline))
 
-// Sum of 16 running sums by a fixed tree.
+// Sum of 16 running sums by a fixed tree: halves are added to each other until one number is left.
 template <class Real>
 SULCUS_INLINE double tree_sum(const Real* sums) {
-  double s[rows];
-  for (int l = 0; l < rows; ++l) s[l] = static_cast<double>(sums[l]);
-  for (int width = rows / 2; width > 0; width /= 2) {
-    for (int l = 0; l < width; ++l) s[l] += s[l + width];
-  }
-  return s[0];
+  using Half = typename Vector<Real, 8>::Type;
+  using Eight = typename Vector<double, 8>::Type;
+  const Eight eight =
+      __builtin_convertvector(load<Half>(sums), Eight) + __builtin_convertvector(load<Half>(sums + 8), Eight);
+  const auto four =
+      __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
+  const auto two = __builtin_shufflevector(four, four, 0, 1) + __builtin_shufflevector(four, four, 2, 3);
+  return two[0] + two[1];
 }
 
 #ifndef SULCUS_FREE_ORDER
 // 16 running sums, one sum a block.
 template <class Real>
 struct RunningSum {
-  alignas(64) Real running[rows] = {};
+  Lanes<Real> running[rows / lane_count<Real>] = {};
 
-  SULCUS_MEMBER void add(int l, const Lanes<Real>& v) {
-    store(running + l, load<Lanes<Real>>(running + l) + v);
-  }
+  SULCUS_MEMBER void add(int l, const Lanes<Real>& v) { running[l / lane_count<Real>] += v; }
   SULCUS_MEMBER void end_block(double* sum) {
-    *sum = tree_sum(running);
-    for (Real& r : running) r = 0;
+    Real sums[rows];
+    for (int l = 0; l < rows; l += lane_count<Real>) store(sums + l, running[l / lane_count<Real>]);
+    *sum = tree_sum(sums);
+    for (Lanes<Real>& r : running) r = Lanes<Real>{};
   }
   SULCUS_MEMBER void end(double*) {}
 };
