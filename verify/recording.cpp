@@ -63,7 +63,7 @@ State sized_state(const RunHeader& header) {
   state.tool_momenta.resize(6 * tools);
   state.filtered_forces.resize(6 * tools);
   state.past_increments.resize(past_numbers(header));
-  state.past_impulses.resize(past_numbers(header));
+  state.past_impulses.resize(state.past_increments.size());
   return state;
 }
 
@@ -81,8 +81,9 @@ void check_state_sizes(const State& state, const RunHeader& header, const std::s
   check("tool_poses", state.tool_poses.size(), 7 * header.tool_count());
   check("tool_momenta", state.tool_momenta.size(), 6 * header.tool_count());
   check("filtered_forces", state.filtered_forces.size(), 6 * header.tool_count());
-  check("past_increments", state.past_increments.size(), static_cast<std::int64_t>(past_numbers(header)));
-  check("past_impulses", state.past_impulses.size(), static_cast<std::int64_t>(past_numbers(header)));
+  const auto past = static_cast<std::int64_t>(past_numbers(header));
+  check("past_increments", state.past_increments.size(), past);
+  check("past_impulses", state.past_impulses.size(), past);
 }
 
 }  // namespace sulcus

@@ -106,22 +106,17 @@ SULCUS_INLINE typename Vector<Real, count>::Type load_groups(const Real* from, i
   } else {
     const auto low = load_groups<Real, count / 2>(from, stride, index);
     const auto high = load_groups<Real, count / 2>(from, stride, index + count / 2);
-    typename Vector<Real, count>::Type both;
+    using Both = typename Vector<Real, count>::Type;
     // said in so many words, since compilers make shuffles of registers of what an insertion from memory does
 #if defined(__AVX512F__)
-    if constexpr (sizeof both == 64) {
-      both = (typename Vector<Real, count>::Type)_mm512_maskz_insertf64x4(
-          0xff, _mm512_castpd256_pd512((__m256d)low), (__m256d)high, 1);
-      return both;
-    }
+    if constexpr (sizeof(Both) == 64)
+      return (Both)_mm512_maskz_insertf64x4(0xff, _mm512_castpd256_pd512((__m256d)low), (__m256d)high, 1);
 #endif
 #if defined(__AVX2__)
-    if constexpr (sizeof both == 32) {
-      both = (typename Vector<Real, count>::Type)_mm256_insertf128_ps(_mm256_castps128_ps256((__m128)low),
-                                                                      (__m128)high, 1);
-      return both;
-    }
+    if constexpr (sizeof(Both) == 32)
+      return (Both)_mm256_insertf128_ps(_mm256_castps128_ps256((__m128)low), (__m128)high, 1);
 #endif
+    Both both;
     std::memcpy(&both, &low, sizeof low);
     std::memcpy(reinterpret_cast<char*>(&both) + sizeof low, &high, sizeof high);
     return both;

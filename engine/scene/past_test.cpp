@@ -20,8 +20,10 @@ struct Block {
   State state;
   WorkspacePtr workspace;
   SolverWorkspace<double>* solver = nullptr;
+  std::mt19937_64 random;
+  std::vector<double> a;  // a diagonal matrix of positive entries
 
-  Block() {
+  explicit Block(std::uint64_t seed) : random(seed) {
     SceneDescription d = block_description({9, 6, 4}, 0.01);
     d.fixed_nodes = nodes_where(d, [](const Vec3& x) { return x[2] < 1e-9; });
     d.solver.first_guess = FirstGuess::past;
@@ -29,74 +31,64 @@ struct Block {
     state = initial_state(scene, {});
     workspace = make_workspace(scene, 2);
     solver = &workspace->twice->solver;
+    a.resize(workspace->increments.size());
+    for (double& number : a) number = 1.5 + uniform(random);
   }
 
-  // As if a step had solved A x = b with the diagonal matrix A of positive entries.
-  void keep(std::mt19937_64& random, const std::vector<double>& a) {
-    for (std::size_t i = 0; i < a.size(); ++i) {
-      const bool moves = scene.free_node[i / 3] != 0;
-      workspace->increments[i] = moves ? uniform(random) : 0;
-      solver->b[entry(i)] = a[i] * workspace->increments[i];
-    }
+  bool moves(std::size_t i) const { return scene.free_node[i / 3] != 0; }
+  // As if a step had solved a x = b; returns x.
+  std::vector<double> keep() {
+    for (std::size_t i = 0; i < a.size(); ++i) workspace->increments[i] = moves(i) ? uniform(random) : 0;
+    ask(workspace->increments);
     keep_for_guess(scene, *workspace, *solver, state);
     ++state.step;
+    return workspace->increments;
   }
+  // Makes x the solution that is looked for.
+  void ask(const std::vector<double>& x) {
+    for (std::size_t i = 0; i < a.size(); ++i) solver->b[entry(i)] = a[i] * x[i];
+  }
+  bool guess() { return guess_from_past(scene, state, *workspace, *solver); }
   std::size_t entry(std::size_t i) const {
     return solver_entry(scene, static_cast<std::int32_t>(i / 3), i % 3);
   }
 };
 
-std::vector<double> diagonal(std::mt19937_64& random, const Block& block) {
-  std::vector<double> a(block.workspace->increments.size());
-  for (double& entry : a) entry = 1.5 + uniform(random);
-  return a;
-}
-
 TEST(Past, WithoutAnyThereIsNoGuess) {
-  Block block;
-  EXPECT_FALSE(guess_from_past(block.scene, block.state, *block.workspace, *block.solver));
+  Block block(4);
+  EXPECT_FALSE(block.guess());
 }
 
 TEST(Past, GuessOfWhatBothStepsTogetherExplainIsExact) {
   const std::uint64_t seed = 5;
   SCOPED_TRACE(seed);
-  std::mt19937_64 random(seed);
-  Block block;
-  const std::vector<double> a = diagonal(random, block);
-  std::vector<std::vector<double>> steps;
-  for (int n = 0; n < 3; ++n) {  // the first is forgotten
-    block.keep(random, a);
-    steps.push_back(block.workspace->increments);
-  }
-  const auto expected = [&](std::size_t i) { return 2 * steps[2][i] - 0.5 * steps[1][i]; };
-  for (std::size_t i = 0; i < a.size(); ++i) block.solver->b[block.entry(i)] = a[i] * expected(i);
-  ASSERT_TRUE(guess_from_past(block.scene, block.state, *block.workspace, *block.solver));
-  for (std::size_t i = 0; i < a.size(); ++i)
-    EXPECT_NEAR(block.solver->guess[block.entry(i)], expected(i), 0.005);
+  Block block(seed);
+  block.keep();  // forgotten
+  const std::vector<double> older = block.keep(), newer = block.keep();
+  std::vector<double> expected;
+  for (std::size_t i = 0; i < newer.size(); ++i) expected.push_back(2 * newer[i] - 0.5 * older[i]);
+  block.ask(expected);
+  ASSERT_TRUE(block.guess());
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    EXPECT_NEAR(block.solver->guess[block.entry(i)], expected[i], 0.005);
 }
 
 // No other combination leaves a smaller (x - x*) . A (x - x*).
 TEST(Past, GuessOfAnythingElseIsTheBestCombination) {
   const std::uint64_t seed = 6;
   SCOPED_TRACE(seed);
-  std::mt19937_64 random(seed);
-  Block block;
-  const std::vector<double> a = diagonal(random, block);
-  block.keep(random, a);
-  const std::vector<double> older = block.workspace->increments;
-  block.keep(random, a);
-  const std::vector<double> newer = block.workspace->increments;
-  std::vector<double> solution(a.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    solution[i] = older[i] + 3 * newer[i] + (block.scene.free_node[i / 3] ? uniform(random) : 0);
-    block.solver->b[block.entry(i)] = a[i] * solution[i];
-  }
-  ASSERT_TRUE(guess_from_past(block.scene, block.state, *block.workspace, *block.solver));
+  Block block(seed);
+  const std::vector<double> older = block.keep(), newer = block.keep();
+  std::vector<double> solution;
+  for (std::size_t i = 0; i < newer.size(); ++i)
+    solution.push_back(older[i] + 3 * newer[i] + (block.moves(i) ? uniform(block.random) : 0));
+  block.ask(solution);
+  ASSERT_TRUE(block.guess());
   const auto energy_error = [&](double n, double o) {
     double sum = 0;
-    for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t i = 0; i < solution.size(); ++i) {
       const double off = block.solver->guess[block.entry(i)] + n * newer[i] + o * older[i] - solution[i];
-      sum += a[i] * off * off;
+      sum += block.a[i] * off * off;
     }
     return sum;
   };
@@ -113,17 +105,16 @@ TEST(Past, GuessOfAnythingElseIsTheBestCombination) {
 TEST(Past, StepsThatAreTheSameAreNotDividedByNothing) {
   const std::uint64_t seed = 7;
   SCOPED_TRACE(seed);
-  Block block;
-  std::mt19937_64 random(seed);
-  const std::vector<double> a = diagonal(random, block);
-  for (int n = 0; n < 2; ++n) {
-    std::mt19937_64 same(seed + 1);
-    block.keep(same, a);
-  }
-  for (std::size_t i = 0; i < a.size(); ++i) block.solver->b[block.entry(i)] *= 4;
-  ASSERT_TRUE(guess_from_past(block.scene, block.state, *block.workspace, *block.solver));
-  for (std::size_t i = 0; i < a.size(); ++i)
-    EXPECT_NEAR(block.solver->guess[block.entry(i)], 4 * block.workspace->increments[i], 0.01);
+  Block block(seed);
+  const std::mt19937_64 same = block.random;
+  block.keep();
+  block.random = same;
+  std::vector<double> expected = block.keep();
+  for (double& number : expected) number *= 4;
+  block.ask(expected);
+  ASSERT_TRUE(block.guess());
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    EXPECT_NEAR(block.solver->guess[block.entry(i)], expected[i], 0.01);
 }
 
 TEST(Past, IsRefusedWhereNodesAreLedAndCostsNothingElsewhere) {

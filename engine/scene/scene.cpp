@@ -86,8 +86,8 @@ void check(const SceneDescription& d, std::int64_t nodes) {
   check_positive("the solver's iteration cap", d.solver.max_iterations);
   if (d.solver.first_guess == FirstGuess::past && (!d.motions.empty() || d.contact.prescribed))
     throw InputError(
-        "scene: the solver cannot begin at the past where nodes are led (motions, prescribed contact); leave "
-        "its "
+        "scene: the solver cannot begin at the past where nodes are led (motions, prescribed contact); let "
+        "it "
         "start at the velocities");
   if (!d.gravity.allFinite()) throw InputError("scene: gravity is not finite");
   for (const Tool& tool : d.tools) check_tool(tool);
@@ -175,25 +175,11 @@ ElementContent content_of(TetShares&& shares, const std::map<std::int32_t, std::
 
 }  // namespace
 
-bool multigrid_pays(const SceneDescription& description, const EmbeddingMesh& mesh) {
-  const double h = description.step_s;
-  const auto reach_m2 = [&](const Material& material) {
-    const double beta = material.damping.value_or(description.damping).beta_s;
-    const double nu = material.poisson_ratio;
-    const double modulus =
-        material.youngs_modulus_Pa * (1 - nu) / ((1 + nu) * (1 - 2 * nu));  // lambda + 2 mu
-    return h * (beta + h) * modulus / material.density_kg_m3;
-  };
-  double reach = reach_m2(description.material);
-  for (const auto& [label, material] : description.materials) reach = std::fmax(reach, reach_m2(material));
-  double edge = std::numeric_limits<double>::infinity();
-  int across = std::numeric_limits<int>::max();  // cells along the shortest side
-  for (std::size_t a = 0; a < 3; ++a) {
-    edge = std::fmin(edge, mesh.voxels_per_cell[a] * description.map.spacing[static_cast<Eigen::Index>(a)]);
-    across = std::min(across, mesh.grid_size[a]);
-  }
+bool multigrid_pays(const Scene& scene) {
   constexpr double cells = 10;
-  return std::sqrt(reach) > cells * edge && across > 1;
+  const StepCoefficients step{scene.settings.step_s, scene.settings.damping};
+  return std::ranges::min(scene.mesh.grid_size) > 1 &&
+         cells_reached(scene.mesh, scene.elements, step) > cells;
 }
 
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
@@ -245,7 +231,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
     scene.fracture =
         std::make_unique<const FractureData>(build_fracture_data(scene.elements, materials, material_of_tet));
   }
-  const bool by_rule = d.solver.preconditioner == Preconditioner::automatic && multigrid_pays(d, scene.mesh);
+  const bool by_rule = d.solver.preconditioner == Preconditioner::automatic && multigrid_pays(scene);
   if (by_rule || d.solver.preconditioner == Preconditioner::multigrid) {
     auto multigrid = build_multigrid(scene.mesh, scene.elements, scene.sparsity, {d.step_s, d.damping},
                                      node_weights(scene), scene.free_node, d.fracture.has_value());

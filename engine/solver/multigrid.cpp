@@ -35,34 +35,12 @@ void transpose(const std::vector<std::int32_t>& start, const std::vector<std::in
   }
 }
 
-// Edges of cells that a disturbance travels in a step, where it travels furthest (docs/decisions/0005).
-double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step) {
-  double volume = 0, mass = 0, stiffest = 0;  // m^3, kg, (beta + h) (lambda + 2 mu) Pa s
-  for (double m : elements.node_mass) mass += m;
-  for (std::int64_t e = 0; e < elements.count; ++e) {
-    const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
-    Mat3 gradients;
-    for (int k = 0; k < 9; ++k) gradients(k / 3, k % 3) = rest[16 * k];
-    const double own = 1 / (6 * std::fabs(gradients.determinant()));
-    const double beta = elements.beta_s.empty() ? step.damping.beta_s : elements.beta_s[at(e)];
-    volume += own;
-    stiffest = std::fmax(stiffest, (beta + step.step_s) * (rest[16 * 9] + 2 * rest[16 * 10]) / own);
-  }
-  double edge = std::numeric_limits<double>::infinity();
-  const auto& corners = mesh.cell_nodes.front();
-  for (const std::size_t corner : {1, 2, 4}) {
-    const Vec3 side = mesh.rest_positions[at(corners[corner])] - mesh.rest_positions[at(corners[0])];
-    edge = std::fmin(edge, side.norm());
-  }
-  return std::sqrt(step.step_s * stiffest * volume / mass) / edge;
-}
-
 // Without the levels whose cells are larger than a disturbance travels: what they would correct hardly moves.
 void leave_out_useless(double reached, std::vector<CoarseLevel>& levels) {
   double edge = 4;
   std::size_t count = 1;
   for (; count < levels.size() && edge <= reached; ++count) edge *= 2;
-  levels.resize(std::min(count, levels.size()));
+  levels.resize(count);
 }
 
 void number_levels(const EmbeddingMesh& mesh, const std::vector<CoarseLevel>& levels, Multigrid& m) {
@@ -333,6 +311,27 @@ void store_turn(const Real* q, Real size, Real* columns) {
 }
 
 }  // namespace
+
+double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step) {
+  double volume = 0, mass = 0, stiffest = 0;  // m^3, kg, (beta + h) (lambda + 2 mu) Pa s
+  for (double m : elements.node_mass) mass += m;
+  for (std::int64_t e = 0; e < elements.count; ++e) {
+    const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
+    Mat3 gradients;
+    for (int k = 0; k < 9; ++k) gradients(k / 3, k % 3) = rest[16 * k];
+    const double own = 1 / (6 * std::fabs(gradients.determinant()));
+    const double beta = elements.beta_s.empty() ? step.damping.beta_s : elements.beta_s[at(e)];
+    volume += own;
+    stiffest = std::fmax(stiffest, (beta + step.step_s) * (rest[16 * 9] + 2 * rest[16 * 10]) / own);
+  }
+  double edge = std::numeric_limits<double>::infinity();
+  const auto& corners = mesh.cell_nodes.front();
+  for (const std::size_t corner : {1, 2, 4}) {
+    const Vec3 side = mesh.rest_positions[at(corners[corner])] - mesh.rest_positions[at(corners[0])];
+    edge = std::fmin(edge, side.norm());
+  }
+  return std::sqrt(step.step_s * stiffest * volume / mass) / edge;
+}
 
 template <class Real>
 LevelView<Real> level_view(const Multigrid& m, MultigridWorkspace<Real>& w) {

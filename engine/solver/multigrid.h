@@ -52,6 +52,11 @@ struct Multigrid {
   std::vector<Index3> cell_position;                    // [cells]
 };
 
+// Cells that a disturbance travels in a step: sqrt((beta h + h^2) (lambda + 2 mu) / rho), where that is
+// furthest, by the body's mean density, over the shortest edge of a cell. Cost: a pass over the elements.
+double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step);
+
+// Levels whose cells are larger than a disturbance travels in a step are left out (docs/decisions/0005).
 // node_weights: [nodes] kg, what the matrix holds of masses and springs on the diagonal of each node.
 // free_node: [nodes]. tears: whether elements may be removed. Empty (no levels) where the mesh is too small
 // for a coarser one. Cost: for each tetrahedron and level 8 small products, once for a scene.

@@ -341,6 +341,40 @@ TEST(Multigrid, CornersAreTurnedWithTheirCell) {
   EXPECT_GT(most, 0.05);
 }
 
+// The path that only bodies with a large second level take.
+TEST(Multigrid, LevelsThatThreadsShareGiveTheBitsOfThoseThatEachClimbsAlone) {
+  const PressedBody body = cube(26);
+  Problem<double> reference(body);
+  ASSERT_EQ(reference.multigrid.shared_levels, 2);
+  reference.multigrid.shared_levels = 1;
+  use_multigrid(reference.multigrid, body.sparsity.chunks, reference.system.solver);
+  reference.set_up();
+  const SolveResult alone = reference.solve(1e-4);
+  EXPECT_GT(alone.iterations, 10);
+  for (int threads : {1, 2, 3}) {
+    Problem<double> problem(body, threads);
+    EXPECT_EQ(problem.solve(1e-4).iterations, alone.iterations) << threads;
+    EXPECT_EQ(problem.system.solver.x, reference.system.solver.x) << threads;
+  }
+}
+
+TEST(Multigrid, HasNoLevelWhoseCellsAreLargerThanADisturbanceTravels) {
+  PressedBody body = cube(16, 0);
+  std::int64_t before = 0;
+  for (const double step_s : {1e-4, 0.003, 0.033}) {
+    body.step = {step_s, {0, 0.1}};
+    const double modulus = 1000 * 0.55 / (1.45 * 0.1);  // lambda + 2 mu at E = 1 kPa, nu = 0.45
+    const double cells = std::sqrt(step_s * (0.1 + step_s) * modulus / 1000) / 0.005;
+    EXPECT_NEAR(cells_reached(body.mesh, body.elements, body.step), cells, 1e-9 * cells);
+    const std::int64_t levels = build_multigrid(body.mesh, body.elements, body.sparsity, body.step,
+                                                body.elements.node_mass, body.free_node)
+                                    .levels;
+    EXPECT_TRUE(levels == 1 || std::exp2(levels) <= cells) << step_s;
+    EXPECT_GT(levels, before) << step_s;
+    before = levels;
+  }
+}
+
 TEST(Multigrid, HasNoLevelsWhereTheMeshIsSmall) {
   const PressedBody body = cube(1, 0);
   const Multigrid multigrid = build_multigrid(body.mesh, body.elements, body.sparsity, body.step,
