@@ -173,14 +173,27 @@ ElementContent content_of(TetShares&& shares, const std::map<std::int32_t, std::
   return content;
 }
 
-}  // namespace
-
-bool multigrid_pays(const Scene& scene) {
-  constexpr double cells = 10;
-  const StepCoefficients step{scene.settings.step_s, scene.settings.damping};
-  return std::ranges::min(scene.mesh.grid_size) > 1 &&
-         cells_reached(scene.mesh, scene.elements, step) > cells;
+// The largest factor of n n^T that a contact adds to the matrix: h (b + h k), kg.
+double contact_weight(const SceneDescription& d) {
+  double largest = 0;
+  const auto add = [&](const ContactLaw& law) {
+    if (law.prescribed || law.explicit_forces) return;
+    largest = std::max(largest, d.step_s * (law.damping_N_s_m + d.step_s * law.stiffness_N_m));
+  };
+  if (!d.tools.empty()) add(d.contact);
+  for (const Obstacle& obstacle : d.obstacles) add(obstacle.contact);
+  return largest;
 }
+
+bool wants_multigrid(const Scene& scene) {
+  const SceneDescription& d = scene.settings;
+  if (d.solver.preconditioner != Preconditioner::automatic)
+    return d.solver.preconditioner == Preconditioner::multigrid;
+  return multigrid_pays(scene.mesh, reach_of_step(scene.mesh, scene.elements, {d.step_s, d.damping}),
+                        contact_weight(d));
+}
+
+}  // namespace
 
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
   check(description, static_cast<std::int64_t>(mesh.rest_positions.size()));
@@ -231,8 +244,7 @@ Scene build_scene(SceneDescription description, EmbeddingMesh mesh) {
     scene.fracture =
         std::make_unique<const FractureData>(build_fracture_data(scene.elements, materials, material_of_tet));
   }
-  const bool by_rule = d.solver.preconditioner == Preconditioner::automatic && multigrid_pays(scene);
-  if (by_rule || d.solver.preconditioner == Preconditioner::multigrid) {
+  if (wants_multigrid(scene)) {
     auto multigrid = build_multigrid(scene.mesh, scene.elements, scene.sparsity, {d.step_s, d.damping},
                                      node_weights(scene), scene.free_node, d.fracture.has_value());
     if (multigrid.levels > 0) scene.multigrid = std::make_unique<const Multigrid>(std::move(multigrid));

@@ -152,12 +152,6 @@ struct Scene {
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 
-// Whether multigrid will solve the scene's steps in less time than block-Jacobi; what
-// Preconditioner::automatic goes by. Block-Jacobi carries a disturbance one cell further in each iteration;
-// multigrid pays where it travels more than ten cells in a step (cells_reached, solver/multigrid.h) and the
-// mesh is no single layer (docs/decisions/0005).
-bool multigrid_pays(const Scene& scene);
-
 // Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
 // caller can choose nodes by position first. Throws InputError for what cannot be simulated (negative
 // stiffness, nu outside

@@ -372,6 +372,22 @@ TEST(BuildScene, MakesNoDistanceFieldWithoutATool) {
   EXPECT_NE(build(pressed_block(Precision::single_precision)).distance, nullptr);
 }
 
+TEST(BuildScene, TakesTheNamedPreconditionerAndElseTheOneThatPays) {
+  const auto takes_multigrid = [](Preconditioner named, double step_s, double contact_stiffness_N_m) {
+    SceneDescription d = pressed_block(Precision::single_precision);
+    d.solver.preconditioner = named;
+    d.step_s = step_s;
+    d.contact.stiffness_N_m = contact_stiffness_N_m;
+    return build(std::move(d)).multigrid != nullptr;
+  };
+  constexpr auto automatic = Preconditioner::automatic;
+  EXPECT_TRUE(takes_multigrid(automatic, 0.02, 10));
+  EXPECT_FALSE(takes_multigrid(automatic, 0.001, 10));
+  EXPECT_FALSE(takes_multigrid(automatic, 0.02, 1e6));
+  EXPECT_TRUE(takes_multigrid(Preconditioner::multigrid, 0.001, 1e6));
+  EXPECT_FALSE(takes_multigrid(Preconditioner::block_jacobi, 0.02, 10));
+}
+
 TEST(BuildScene, RefusesWhatCannotBeSimulated) {
   const auto refused = [](auto change) {
     SceneDescription d = pressed_block(Precision::single_precision);

@@ -312,8 +312,9 @@ void store_turn(const Real* q, Real size, Real* columns) {
 
 }  // namespace
 
-double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step) {
-  double volume = 0, mass = 0, stiffest = 0;  // m^3, kg, (beta + h) (lambda + 2 mu) Pa s
+Reach reach_of_step(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step) {
+  double volume = 0, mass = 0;        // m^3, kg
+  double stiffest = 0, shearing = 0;  // (beta + h) (lambda + 2 mu) and (beta + h) mu, Pa s
   for (double m : elements.node_mass) mass += m;
   for (std::int64_t e = 0; e < elements.count; ++e) {
     const double* rest = elements.rest_double.data() + e / 16 * 12 * 16 + e % 16;
@@ -323,6 +324,7 @@ double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, con
     const double beta = elements.beta_s.empty() ? step.damping.beta_s : elements.beta_s[at(e)];
     volume += own;
     stiffest = std::fmax(stiffest, (beta + step.step_s) * (rest[16 * 9] + 2 * rest[16 * 10]) / own);
+    shearing = std::fmax(shearing, (beta + step.step_s) * rest[16 * 10] / own);
   }
   double edge = std::numeric_limits<double>::infinity();
   const auto& corners = mesh.cell_nodes.front();
@@ -330,7 +332,16 @@ double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, con
     const Vec3 side = mesh.rest_positions[at(corners[corner])] - mesh.rest_positions[at(corners[0])];
     edge = std::fmin(edge, side.norm());
   }
-  return std::sqrt(step.step_s * stiffest * volume / mass) / edge;
+  const double density = mass / volume;
+  return {std::sqrt(step.step_s * stiffest / density) / edge,
+          std::sqrt(step.step_s * shearing / density) / edge, density * edge * edge * edge};
+}
+
+bool multigrid_pays(const EmbeddingMesh& mesh, const Reach& reach, double contact_kg) {
+  constexpr double cells = 1.5, stiff = 400;
+  const double cell = reach.shear * reach.shear * reach.cell_kg;  // (beta h + h^2) mu times the edge, kg
+  const double contact = cell > 0 ? std::fmin(1, contact_kg / (stiff * cell)) : 1;
+  return std::ranges::min(mesh.grid_size) > 1 && reach.shear > cells * (1 + contact);
 }
 
 template <class Real>
@@ -373,7 +384,7 @@ Multigrid build_multigrid(const EmbeddingMesh& mesh, const ElementData& elements
   Multigrid m;
   std::vector<CoarseLevel> levels = build_coarse_levels(mesh, enough_nodes);
   if (levels.empty()) return m;
-  leave_out_useless(cells_reached(mesh, elements, coefficients), levels);
+  leave_out_useless(reach_of_step(mesh, elements, coefficients).pressure, levels);
   number_levels(mesh, levels, m);
   make_transfers(levels, sparsity, m);
   list_children(mesh, m);

@@ -52,9 +52,23 @@ struct Multigrid {
   std::vector<Index3> cell_position;                    // [cells]
 };
 
-// Cells that a disturbance travels in a step: sqrt((beta h + h^2) (lambda + 2 mu) / rho), where that is
-// furthest, by the body's mean density, over the shortest edge of a cell. Cost: a pass over the elements.
-double cells_reached(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step);
+// How far a disturbance travels in a step, in edges of a cell (the shortest of its three):
+// sqrt((beta h + h^2) M / rho) with M = lambda + 2 mu or mu, where that is furthest, and rho the body's mean
+// density.
+struct Reach {
+  double pressure = 0, shear = 0;
+  double cell_kg = 0;  // kg, rho times the cube of that edge
+};
+// Cost: a pass over the elements.
+Reach reach_of_step(const EmbeddingMesh& mesh, const ElementData& elements, const StepCoefficients& step);
+
+// Whether multigrid takes a step to an error of 1e-3 in less time than block-Jacobi; what
+// Preconditioner::automatic goes by. Block-Jacobi carries a disturbance one cell further in each iteration,
+// so multigrid pays where a step's reach is long; contacts that are stiffer than a cell, of which the levels
+// know only the diagonal blocks, move that bound (docs/decisions/0005 has rule and measurement). contact_kg:
+// the largest factor of n n^T that a contact adds to the matrix, h (b + h k); 0 without. Never for a single
+// layer.
+bool multigrid_pays(const EmbeddingMesh& mesh, const Reach& reach, double contact_kg);
 
 // Levels whose cells are larger than a disturbance travels in a step are left out (docs/decisions/0005).
 // node_weights: [nodes] kg, what the matrix holds of masses and springs on the diagonal of each node.

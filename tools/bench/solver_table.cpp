@@ -7,14 +7,16 @@
 // One row for each combination of bodies, physics, preconditioners and precisions. Error: |dv - dv*| / |dv*|
 // against the solution of the same system in double precision (direct, or to 1e-12); residual: |r| / |b| in
 // the norm of the diagonal blocks. All searches start from zero. `set-up`: what the preconditioner costs once
-// a step. Times are milliseconds, medians over rounds in which all rows of one body take turns, so that a
-// disturbance meets all; the time to a target includes the set-up. "-": not reached.
+// a step. Times are milliseconds, medians over rounds in which the preconditioners take turns, so that a
+// disturbance meets both; the time to a target includes the set-up. "-": not reached. An asterisk: what
+// `auto` chooses; where both preconditioners were measured, the last line says what its choices cost.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <ctime>
 #include <fstream>
 #include <map>
 #include <memory>
+#include <numeric>
 
 #include "engine/numerics/error.h"
 #include "engine/solver/direct.h"
@@ -200,11 +202,11 @@ void print_header(const Options& options) {
   std::printf("\n");
 }
 
-void print_row(const PressedBody& body, const BodySettings& settings, const Row& row) {
-  std::printf("| %s | %zu | %zu | %.3g | %.3g | %.3g | %.3g | %.3g | %.3g | %zu | %s |", body.name.c_str(),
+void print_row(const PressedBody& body, const BodySettings& settings, const Row& row, bool chosen) {
+  std::printf("| %s | %zu | %zu | %.3g | %.3g | %.3g | %.3g | %.3g | %.3g | %zu | %s%s |", body.name.c_str(),
               body.mesh.tets.size(), body.mesh.rest_positions.size(), 1e3 * settings.step_s,
               settings.youngs_modulus_Pa, settings.stiff_factor, settings.poisson_ratio, settings.beta_s,
-              body.law.stiffness_N_m, body.contacts.size(), row.method->name.c_str());
+              body.law.stiffness_N_m, body.contacts.size(), row.method->name.c_str(), chosen ? " *" : "");
   for (int iterations : row.iterations) {
     iterations < 0 ? std::printf(" - |") : std::printf(" %d |", iterations);
   }
@@ -217,11 +219,18 @@ void print_row(const PressedBody& body, const BodySettings& settings, const Row&
   std::fflush(stdout);
 }
 
+constexpr std::size_t thousandth = 2;  // of the targets: an error of 1e-3
+
 // What a method needs for an error of 1e-3, of all bodies.
 struct Cost {
   double tets = 0, iterations = 0, ms = 0, bytes = 0;
 };
-using Costs = std::map<std::string, std::vector<Cost>>;
+
+// Of all bodies, steps and materials.
+struct Results {
+  std::map<std::string, std::vector<Cost>> costs;  // by method
+  std::vector<double> over;                        // time of what `auto` chooses over that of the better one
+};
 
 // The exponent a of y = c x^a, by least squares of the logarithms.
 double exponent(const std::vector<Cost>& costs, double Cost::*y) {
@@ -237,12 +246,12 @@ double exponent(const std::vector<Cost>& costs, double Cost::*y) {
   return (n * sxy - sx * sy) / (n * sxx - sx * sx);
 }
 
-void print_exponents(const Costs& costs) {
+void print_exponents(const Results& results) {
   std::printf(
       "\n| method | bodies | iterations to 1e-3 | time to 1e-3 | memory | bytes a tetrahedron, largest body "
       "|\n"
       "| --- | --- | --- | --- | --- | --- |\n");
-  for (const auto& [method, list] : costs) {
+  for (const auto& [method, list] : results.costs) {
     if (list.size() < 2) continue;
     std::printf("| %s | %zu | tets^%.2f | tets^%.2f | tets^%.2f | %.0f |\n", method.c_str(), list.size(),
                 exponent(list, &Cost::iterations), exponent(list, &Cost::ms), exponent(list, &Cost::bytes),
@@ -250,43 +259,74 @@ void print_exponents(const Costs& costs) {
   }
 }
 
+void print_choices(std::vector<double> over) {
+  if (over.empty()) return;
+  std::sort(over.begin(), over.end());
+  const double mean = std::accumulate(over.begin(), over.end(), 0.0) / static_cast<double>(over.size());
+  std::printf(
+      "\nTo an error of 1e-3 the choices of `auto` (*) take %.2f times as long as the better of the two on "
+      "average, %.2f times at most (%zu choices).\n",
+      mean, over.back(), over.size());
+}
+
+bool takes_multigrid(const PressedBody& body) {
+  return multigrid_pays(body.mesh, reach_of_step(body.mesh, body.elements, body.step),
+                        body.contacts.empty() ? 0 : body.contact_weight());
+}
+
+bool is_multigrid(const Row& row) {
+  return row.method->name.starts_with("multigrid");
+}
+
+double ms_to_a_thousandth(const Row& row) {
+  return median(row.set_up_ms) + median(row.solve_ms[thousandth]);
+}
+
+void add_results(const PressedBody& body, const std::vector<Row>& rows, Results& results) {
+  if (std::any_of(rows.begin(), rows.end(), [](const Row& row) { return row.iterations[thousandth] < 0; }))
+    return;
+  double chosen = 0, best = ms_to_a_thousandth(rows.front());
+  for (const Row& row : rows) {
+    const double ms = ms_to_a_thousandth(row);
+    best = std::min(best, ms);
+    if (is_multigrid(row) == takes_multigrid(body)) chosen = ms;
+    results.costs[row.method->name].push_back({static_cast<double>(body.mesh.tets.size()),
+                                               static_cast<double>(row.iterations[thousandth]), ms,
+                                               row.method->bytes()});
+  }
+  if (rows.size() == 2) results.over.push_back(chosen / best);
+}
+
 void measure(const Options& options, const BenchMesh& mesh, const BodySettings& settings, double contact_N_m,
-             Costs& costs) {
+             Results& results) {
   PressedBody body = make_body(mesh.name, mesh.mesh, settings);
   if (contact_N_m > 0) {
     press(body, mesh.place.point, mesh.place.push, static_cast<std::size_t>(options.contact_count),
           contact_N_m);
   }
   const std::vector<double> exact = exact_solution(body, options.threads);
-  std::vector<Row> rows;
-  for (const std::string& preconditioner : options.preconditioners) {
-    for (const std::string& precision : options.precisions) {
-      Row row;
+  for (const std::string& precision : options.precisions) {
+    std::vector<Row> rows;
+    for (const std::string& preconditioner : options.preconditioners) {
+      Row& row = rows.emplace_back();
       if (precision == "f32") {
         row.method = std::make_unique<KrylovMethod<float>>(body, preconditioner, options.threads);
       } else {
         row.method = std::make_unique<KrylovMethod<double>>(body, preconditioner, options.threads);
       }
       count_iterations(row, exact);
-      rows.push_back(std::move(row));
     }
-  }
-  for (int round = 0; round < options.rounds; ++round) {
-    for (Row& row : rows) take_times(row, options.processor_time);
-  }
-  for (const Row& row : rows) {
-    print_row(body, settings, row);
-    const std::size_t at = 2;  // 1e-3
-    if (row.iterations[at] < 0) continue;
-    costs[row.method->name].push_back(
-        {static_cast<double>(body.mesh.tets.size()), static_cast<double>(row.iterations[at]),
-         median(row.set_up_ms) + median(row.solve_ms[at]), row.method->bytes()});
+    for (int round = 0; round < options.rounds; ++round) {
+      for (Row& row : rows) take_times(row, options.processor_time);
+    }
+    for (const Row& row : rows) print_row(body, settings, row, is_multigrid(row) == takes_multigrid(body));
+    add_results(body, rows, results);
   }
 }
 
 void measure_all(const Options& options) {
   print_header(options);
-  Costs costs;
+  Results results;
   for (const std::string& name : options.bodies) {
     const auto mesh = bench_mesh(name);
     if (!mesh) {
@@ -299,7 +339,7 @@ void measure_all(const Options& options) {
           for (double ratio : options.ratios) {
             for (double beta : options.betas) {
               for (double contact : options.contacts) {
-                measure(options, *mesh, {modulus, stiff, ratio, step, beta}, contact, costs);
+                measure(options, *mesh, {modulus, stiff, ratio, step, beta}, contact, results);
               }
             }
           }
@@ -307,7 +347,8 @@ void measure_all(const Options& options) {
       }
     }
   }
-  if (options.exponents) print_exponents(costs);
+  if (options.exponents) print_exponents(results);
+  print_choices(results.over);
 }
 
 }  // namespace
