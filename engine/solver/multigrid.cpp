@@ -13,8 +13,8 @@
 namespace sulcus {
 namespace {
 
-constexpr std::int64_t enough_nodes = 40;   // a level that small needs no coarser one
-constexpr std::int64_t shared_nodes = 256;  // in a smaller level a thread waits longer than it saves
+constexpr std::int64_t enough_nodes = 40;  // a level that small needs no coarser one
+constexpr std::int64_t shared_nodes = 64;  // in a smaller level a thread waits longer than it saves
 
 std::size_t at(std::int64_t number) {
   return static_cast<std::size_t>(number);

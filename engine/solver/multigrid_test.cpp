@@ -345,7 +345,7 @@ TEST(Multigrid, CornersAreTurnedWithTheirCell) {
 TEST(Multigrid, LevelsThatThreadsShareGiveTheBitsOfThoseThatEachClimbsAlone) {
   const PressedBody body = cube(26);
   Problem<double> reference(body);
-  ASSERT_EQ(reference.multigrid.shared_levels, 2);
+  ASSERT_EQ(reference.multigrid.shared_levels, 3);
   reference.multigrid.shared_levels = 1;
   use_multigrid(reference.multigrid, body.sparsity.chunks, reference.system.solver);
   reference.set_up();
