@@ -35,16 +35,21 @@ void mark(std::vector<WorkPrecisionRow>& rows, double WorkPrecisionRow::*cost,
   }
 }
 
-// Cost of the scenario's own settings over that of the cheapest row with no larger error.
-double own_over_front(const std::vector<WorkPrecisionRow>& rows, double WorkPrecisionRow::*error) {
+// Cost of the scenario's own settings over that of the cheapest row in which none of the errors is larger;
+// NaN where there is nothing to compare.
+double own_over_front(const std::vector<WorkPrecisionRow>& rows,
+                      std::initializer_list<double WorkPrecisionRow::*> errors) {
   const auto own =
       std::find_if(rows.begin(), rows.end(), [](const WorkPrecisionRow& row) { return row.own; });
   if (own == rows.end() || !own->problem.empty()) return NAN;
   double cheapest = INFINITY;
   for (const WorkPrecisionRow& row : rows) {
-    if (row.problem.empty() && row.*error <= (*own).*error) cheapest = std::fmin(cheapest, row.per_second);
+    const bool as_exact = std::all_of(errors.begin(), errors.end(), [&](double WorkPrecisionRow::*error) {
+      return row.*error <= (*own).*error;
+    });
+    if (row.problem.empty() && as_exact) cheapest = std::fmin(cheapest, row.per_second);
   }
-  return own->per_second / cheapest;
+  return std::isfinite(cheapest) ? own->per_second / cheapest : NAN;
 }
 
 std::string csv_cell(const std::string& text) {
@@ -211,8 +216,11 @@ void mark_fronts(WorkPrecisionStudy& study) {
   mark(study.rows, &Row::step_ms, &Row::force_error, &Row::on_force_front);
   mark(study.rows, &Row::per_second, &Row::displacement_error, &Row::on_displacement_front_by_second);
   mark(study.rows, &Row::per_second, &Row::force_error, &Row::on_force_front_by_second);
-  study.own_over_displacement_front = own_over_front(study.rows, &Row::displacement_error);
-  study.own_over_force_front = own_over_front(study.rows, &Row::force_error);
+  study.own_over_displacement_front = own_over_front(study.rows, {&Row::displacement_error});
+  study.own_over_force_front = own_over_front(study.rows, {&Row::force_error});
+  study.own_over_front = std::isfinite(study.own_over_force_front)
+                             ? own_over_front(study.rows, {&Row::displacement_error, &Row::force_error})
+                             : study.own_over_displacement_front;
 }
 
 std::string work_precision_csv(const WorkPrecisionStudy& study) {
@@ -243,6 +251,7 @@ std::string work_precision_json(const WorkPrecisionStudy& study) {
                          {"settings", study.settings},
                          {"own_over_displacement_front", number_or_null(study.own_over_displacement_front)},
                          {"own_over_force_front", number_or_null(study.own_over_force_front)},
+                         {"own_over_front", number_or_null(study.own_over_front)},
                          {"reference",
                           {{"settings", study.reference},
                            {"own_displacement_error", number_or_null(study.reference_displacement_error)},
@@ -286,7 +295,8 @@ std::string work_precision_markdown(const WorkPrecisionStudy& study, const std::
     out << "The scenario's own settings (in bold) cost "
         << text_of(study.own_over_displacement_front, "%.2f");
     if (std::isfinite(study.own_over_force_front))
-      out << " (displacement) and " << text_of(study.own_over_force_front, "%.2f") << " (force)";
+      out << " (displacement), " << text_of(study.own_over_force_front, "%.2f") << " (force) and "
+          << text_of(study.own_over_front, "%.2f") << " (both)";
     out << " times what the cheapest of these with no larger error do, by simulated second.\n\n";
   }
   out << '|';

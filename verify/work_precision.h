@@ -37,9 +37,9 @@ struct WorkPrecisionStudy {
   double displacement_mm = 0, force_N = 0;  // root mean square of the reference, what errors are relative to
   int repetitions = 1, threads = 1;
   std::vector<WorkPrecisionRow> rows;
-  // What the scenario's own settings cost for a simulated second, over the cheapest with no larger error; NaN
-  // if they are not among the rows.
-  double own_over_displacement_front = NAN, own_over_force_front = NAN;
+  // What the scenario's own settings cost for a simulated second, over the cheapest with no larger error (in
+  // displacements, in forces, in neither); NaN if they are not among the rows or have no such error.
+  double own_over_displacement_front = NAN, own_over_force_front = NAN, own_over_front = NAN;
 };
 
 // Sets the marks of the fronts and the costs over them.

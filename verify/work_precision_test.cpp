@@ -48,6 +48,16 @@ TEST(WorkPrecision, TheOwnSettingsAreHeldAgainstTheCheapestThatIsAsExact) {
   const WorkPrecisionStudy s = study();
   EXPECT_DOUBLE_EQ(s.own_over_displacement_front, 1.0);
   EXPECT_DOUBLE_EQ(s.own_over_force_front, 2 / 1.1);
+  EXPECT_DOUBLE_EQ(s.own_over_front, 1.0);  // what is as exact in forces is not in displacements
+  WorkPrecisionStudy better = study();
+  better.rows[1].displacement_error = 0.01;
+  mark_fronts(better);
+  EXPECT_DOUBLE_EQ(better.own_over_front, 2 / 1.1);
+  WorkPrecisionStudy no_forces = study();
+  for (WorkPrecisionRow& r : no_forces.rows) r.force_error = NAN;
+  mark_fronts(no_forces);
+  EXPECT_TRUE(std::isnan(no_forces.own_over_force_front));
+  EXPECT_DOUBLE_EQ(no_forces.own_over_front, 1.0);
   EXPECT_TRUE(std::isnan([] {
     WorkPrecisionStudy none = study();
     none.rows[2].own = false;

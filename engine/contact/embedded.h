@@ -21,9 +21,9 @@ struct ContactLaw {
   double stiffness_N_m = 10;    // N/m a contact, k >= 0
   double damping_N_s_m = 0.01;  // N s/m a contact, b >= 0
   double anisotropy = 0;        // a in [0, 1]: 0 frictionless, 1 isotropic
-  bool tension_rule = true;     // contacts that would pull are dropped, one re-solve
+  bool tension_rule = true;     // contacts that would pull are dropped, up to eight re-solves
   // Coulomb friction, regularised: -mu |f_n| v / sqrt(|v|^2 + v_s^2) for a speed of slip v along the surface.
-  // 0: none. What rests on a slope therefore creeps at about v_s tan(slope) / mu.
+  // 0: none. What rests on a slope of the tangent t creeps at v_s t / sqrt(mu^2 - t^2).
   double friction = 0;                // mu >= 0
   double friction_speed_m_s = 0.001;  // m/s, v_s > 0
   // Forces of the start of the step, no derivative in the matrix (thesis 4.6.2, set B): for comparison only,

@@ -152,9 +152,8 @@ struct Scene {
   std::int64_t tet_count() const { return static_cast<std::int64_t>(mesh.tets.size()); }
 };
 
-// Builds the scene; the mesh may be given (it must come from build_embedding of the same map), so that a
-// caller can choose nodes by position first. Throws InputError for what cannot be simulated (negative
-// stiffness, nu outside
+// Builds the scene on the mesh that build_embedding makes of its map; the caller makes it, so that nodes can
+// be chosen by position first. Throws InputError for what cannot be simulated (negative stiffness, nu outside
 // (-1, 0.5), no mass, a node number out of range, a time step of zero, a tool that is not finite, a node both
 // fixed and on a path, fracture with a detection that cannot follow torn tissue).
 Scene build_scene(SceneDescription description, EmbeddingMesh mesh);

@@ -125,7 +125,8 @@ double measure_solver_error(const Scene& scene, std::span<const DeviceSample> sa
 // Largest principal stress of each element [tets], Pa (equations.md 2.4); 0 for removed elements.
 std::vector<double> max_principal_stress(const Scene& scene, const State& state);
 
-// The contacts of tools and obstacles that the coming step would begin with, in its order. Slow; for pictures.
+// The contacts of tools and obstacles that the coming step would begin with, in its order. Slow; for
+// pictures.
 std::vector<Contact> contacts_in(const Scene& scene, const State& state);
 
 // Elements with det F <= 0 among the alive ones.

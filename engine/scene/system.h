@@ -65,7 +65,7 @@ struct Workspace {
   std::vector<double> increments;     // [3*nodes] m/s
   std::vector<std::uint8_t> finite;   // [threads] whether the positions that a thread moved are
   std::vector<DeviceSample> samples;  // [tools]
-  std::vector<Contact> contacts;      // of all tools, in order
+  std::vector<Contact> contacts;      // of all tools, of obstacles, then those taken back
   std::vector<Contact> dropped;       // in the step, by the tension rule
   std::vector<LedNode> led;           // in scenes with prescribed contact
   ContactSearch search;

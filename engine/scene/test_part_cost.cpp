@@ -1,6 +1,6 @@
 // What the parts of a scene cost: a block under gravity, stepped with one part switched on, with every part
 // named but off, and by a loop that knows of no part at all. part_cost_test counts its instructions,
-// tools/cost-of-parts makes the table of docs/cost-of-parts.md from it.
+// tools/hard/cost-of-parts makes the table of docs/cost-of-parts.md from it.
 //
 //   part_cost PART [steps]      prints "PART steps iterations hash scene_bytes workspace_bytes
 //   seconds_per_step"

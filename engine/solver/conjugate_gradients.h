@@ -14,7 +14,7 @@
 namespace sulcus {
 
 enum class Precision { single_precision, double_precision };
-enum class Preconditioner { block_jacobi, multigrid, automatic };  // automatic: by a rule, scene/scene.h
+enum class Preconditioner { block_jacobi, multigrid, automatic };  // automatic: multigrid_pays
 
 // Where the search for the velocities at the end of a step begins: at those of its start; at tissue that
 // stands still, for comparison; at what the changes in the last two steps let expect (scene/past.h).

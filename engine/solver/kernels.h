@@ -1,5 +1,5 @@
 // The hot loops of conjugate gradients, compiled once for each instruction set. Vectors and matrix are in the
-// slots of engine/fem/sparsity.h. Sums over vectors are kept one for each block of 16 chunks (256 rows),
+// slots of engine/fem/sparsity.h. Sums over vectors are kept one for each block of 8 chunks (128 rows),
 // formed in the same order whatever the width of a register: 16 running sums, then a fixed tree in double
 // precision.
 #pragma once

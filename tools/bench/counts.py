@@ -21,10 +21,10 @@ SCENARIOS = {
     "cube_sphere_b": 120,
     "brain_sylvian_retraction": 40,
 }
-# Functions of the engine, with all that they call. "" counts the whole step or scene.
+# Functions of the engine, with all that they call.
 FUNCTIONS = ["make_scene", "build_embedding", "build_distance_field", "step", "find_contacts", "assemble_elements",
              "close_rows", "assemble_contacts", "set_up_levels", "conjugate_gradients", "multiply",
-             "advance", "advance_packing", "elastic_energy", "tear"]
+             "advance", "advance_packing", "tear"]
 NAME = re.compile(r"^\s*([\d,]+) \(\s*[\d.]+%\)\s+\S*?:(?:.*? )??sulcus::(?:isa_\w+::)?(?:\(anonymous namespace\)::)?"
                   r"(\w+)(?:<\w+>)?\(")
 

@@ -55,9 +55,9 @@ FAULTS = [
           "elements.drag_kg_s.empty() ? mass_scale * elements.node_mass[n]",
           "elements.drag_kg_s.empty() ? (FAULT ? 0.9 : 1.0) * mass_scale * elements.node_mass[n]", CYLINDER, "values"),
     Fault("missing transpose of the rotation", "engine/fem/laws.h",
-          "m[3 * i + j] = r[i] * y[j] + r[3 + i] * y[3 + j] + r[6 + i] * y[6 + j];",
-          "m[3 * i + j] = FAULT ? r[3 * i] * y[j] + r[3 * i + 1] * y[3 + j] + r[3 * i + 2] * y[6 + j]\n"
-          "                                 : r[i] * y[j] + r[3 + i] * y[3 + j] + r[6 + i] * y[6 + j];", CYLINDER, "values"),
+          "m[3 * i + j] = r[i] * gradient[j] + r[3 + i] * gradient[3 + j] + r[6 + i] * gradient[6 + j];",
+          "m[3 * i + j] = FAULT ? r[3 * i] * gradient[j] + r[3 * i + 1] * gradient[3 + j] + r[3 * i + 2] * gradient[6 + j]\n"
+          "                                 : r[i] * gradient[j] + r[3 + i] * gradient[3 + j] + r[6 + i] * gradient[6 + j];", CYLINDER, "values"),
     Fault("shear modulus halved in the stress", "engine/fem/laws.h",
           "const V mu2 = mu + mu;", "const V mu2 = FAULT ? mu : mu + mu;", CYLINDER, "values"),
     Fault("missing transpose of the blocks below the diagonal", KERNELS,
