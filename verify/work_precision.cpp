@@ -342,10 +342,11 @@ std::string work_precision_png(const WorkPrecisionStudy& study) {
 }
 
 void write_work_precision(const std::filesystem::path& folder, const WorkPrecisionStudy& study) {
-  write_file_atomically(folder / "work_precision.png", work_precision_png(study));
   write_file_atomically(folder / "work_precision.csv", work_precision_csv(study));
   write_file_atomically(folder / "work_precision.json", work_precision_json(study));
   write_file_atomically(folder / "work_precision.md", work_precision_markdown(study, "work_precision.png"));
+  // last: the numbers are there if it cannot be drawn
+  write_file_atomically(folder / "work_precision.png", work_precision_png(study));
 }
 
 }  // namespace sulcus

@@ -55,6 +55,13 @@ void check_contact(const std::string& of, const ContactLaw& law) {
   if (law.stiffness_N_m > stiffest_N_m)
     refuse(of + "contact stiffness (N/m)", law.stiffness_N_m,
            "at most 1e7 N/m: beyond it the step's system has no digits left");
+  constexpr double most_damping_N_s_m = 1e5, most_friction = 100;
+  if (law.damping_N_s_m > most_damping_N_s_m)
+    refuse(of + "contact damping (N s/m)", law.damping_N_s_m,
+           "at most 1e5 N s/m: beyond it the step's system has no digits left");
+  if (law.friction > most_friction)
+    refuse(of + "coefficient of friction", law.friction,
+           "at most 100: beyond it the step's system has no digits left");
   if (!(law.anisotropy >= 0 && law.anisotropy <= 1)) {
     refuse(of + "contact anisotropy", law.anisotropy, "a number from 0 (frictionless) to 1 (isotropic)");
   }

@@ -275,6 +275,8 @@ void sum_reactions(const Problem& problem, StaticReport& report) {
 }
 
 // Goes along the paths to step `to`, a stretch of them at a time.
+constexpr int most_load_steps = 100000;  // between two steps of a scenario
+
 void go_to(std::int64_t to, double longest_m, Problem& problem, StaticReport& report) {
   const Scene& scene = problem.scene;
   State& state = problem.state;
@@ -289,6 +291,11 @@ void go_to(std::int64_t to, double longest_m, Problem& problem, StaticReport& re
       ++next;
     }
     const double parts = std::fmax(1.0, std::ceil(found.longest_m / longest_m - 1e-9));
+    if (!(parts <= most_load_steps)) {
+      throw InputError("static solve: a path moves nodes by " + std::to_string(found.longest_m) +
+                       " m within a step of the scenario, which is more than " +
+                       std::to_string(most_load_steps) + " load steps; give shorter ways");
+    }
     for (int k = 0; k < static_cast<int>(parts); ++k) {
       follow_paths(problem, found.way, 1 / parts, step, report);
       report.converged = balance_forces(problem, step, report);
@@ -308,6 +315,11 @@ StaticReport solve_static(const Scene& scene, const StaticSettings& settings, st
     throw InputError(
         "static solve: the scene has tools, and where a tool comes to rest is a matter of its motion; leave "
         "them out (/tools), or run the scene until it rests");
+  }
+  if (!scene.settings.obstacles.empty()) {
+    throw InputError(
+        "static solve: the scene has obstacles, and what touches them is found by running; leave them out "
+        "(/obstacles), or run the scene until it rests");
   }
   if (const std::vector<std::string> loose = loose_pieces(scene, present(scene, state)); !loose.empty())
     throw InputError("static solve: " + loose.front());

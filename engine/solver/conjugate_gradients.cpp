@@ -96,6 +96,19 @@ double ordered_sum(const std::vector<double>& sums) {
   return sum;
 }
 
+// a . b over a block's chunks: 16 running sums, added up in order.
+template <class Real>
+double block_product(const Real* a, const Real* b, std::int64_t block, std::int64_t chunks) {
+  double sums[16] = {};
+  const std::int64_t end = std::min((block + 1) * chunks_per_block, chunks) * 48;
+  for (std::int64_t i = block * chunks_per_block * 48; i < end; i += 16) {
+    for (int l = 0; l < 16; ++l) sums[l] += static_cast<double>(a[i + l]) * static_cast<double>(b[i + l]);
+  }
+  double sum = 0;
+  for (double s : sums) sum += s;
+  return sum;
+}
+
 // y = C^-1 B^T p; returns p . B y.
 template <class Real>
 double border_product(const ToolBorder<Real>& border, const Real* p, std::array<double, 6>& y) {
@@ -221,11 +234,23 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       barrier.wait();
       return ordered_sum(workspace.pq) - border_term;
     };
-    const auto add_to_start = [&](const Real* part) {
-      kernels.direct(matrix, Real(0), part, p, packed, own.first, own.last);
+    const auto add_prescribed = [&] {
+      kernels.direct(matrix, Real(0), workspace.prescribed.data(), p, packed, own.first, own.last);
       barrier.wait();
       multiply();
       rz = advance(Real(1));
+    };
+    // As far along the guess as leaves the least energy error, so that no guess can make it larger.
+    const auto add_guess = [&] {
+      kernels.direct(matrix, Real(0), workspace.guess.data(), p, packed, own.first, own.last);
+      barrier.wait();
+      const double pq = multiply();
+      for (std::int64_t block = own.first; block < own.last; ++block)
+        workspace.rz[static_cast<std::size_t>(block)] = block_product(r, p, block, matrix.chunks);
+      barrier.wait();
+      const double alpha = ordered_sum(workspace.rz) / pq;
+      barrier.wait();  // all have read what advance writes
+      if (std::isfinite(alpha)) rz = advance(static_cast<Real>(alpha));
     };
     if (workspace.start != Start::pause) {
       for (std::int64_t i = first; i < last; ++i) {
@@ -234,9 +259,9 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       }
       project(workspace.sliding, own_chunks, r);
       rz = advance(Real(0));
-      if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data());
+      if (!workspace.prescribed.empty()) add_prescribed();
       start = std::sqrt(rz);
-      if (workspace.start == Start::guess) add_to_start(workspace.guess.data());
+      if (workspace.start == Start::guess) add_guess();
       direct(Real(0));
     }
 

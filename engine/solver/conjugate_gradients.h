@@ -92,12 +92,12 @@ SolverWorkspace<Real> make_solver_workspace(const Sparsity& sparsity, Isa isa, i
 template <class Real>
 void use_multigrid(const Multigrid& multigrid, std::int64_t chunks, SolverWorkspace<Real>& workspace);
 
-// Solves for workspace.x from workspace.b, starting at workspace.prescribed + workspace.guess. |b| is that of
-// the free nodes after the prescribed values have gone to the right-hand side, so a guess does not change the
-// goal. At held nodes workspace.r ends as b - A x: the impulse that holds them, with the opposite sign.
-// floor: smallest |r| that counts (norm as above).
-// Cost of an iteration: one product with the matrix, one pass over five vectors, with the multigrid about
-// half of that once more; of prescribed values or a guess one such iteration each.
+// Solves for workspace.x from workspace.b, starting at workspace.prescribed and as far along workspace.guess
+// as leaves the least energy error, so that no guess makes that larger. |b| is that of the free nodes after
+// the prescribed values have gone to the right-hand side, so a guess does not change the goal. At held nodes
+// workspace.r ends as b - A x: the impulse that holds them, with the opposite sign. floor: smallest |r| that
+// counts (norm as above). Cost of an iteration: one product with the matrix, one pass over five vectors, with
+// the multigrid about half of that once more; of prescribed values or a guess one such iteration each.
 template <class Real>
 SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector<ToolBorder<Real>>& borders,
                                 double tolerance, double floor, int max_iterations,

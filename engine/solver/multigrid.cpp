@@ -338,10 +338,10 @@ Reach reach_of_step(const EmbeddingMesh& mesh, const ElementData& elements, cons
 }
 
 bool multigrid_pays(const EmbeddingMesh& mesh, const Reach& reach, double contact_kg) {
-  constexpr double cells = 1.5, stiff = 400;
+  constexpr double cells = 1.5, stiff = 600;
   const double cell = reach.shear * reach.shear * reach.cell_kg;  // (beta h + h^2) mu times the edge, kg
-  const double contact = cell > 0 ? std::fmin(1, contact_kg / (stiff * cell)) : 1;
-  return std::ranges::min(mesh.grid_size) > 1 && reach.shear > cells * (1 + contact);
+  return std::ranges::min(mesh.grid_size) > 1 && cell > 0 &&
+         reach.shear > cells * (1 + contact_kg / (stiff * cell));
 }
 
 template <class Real>

@@ -9,6 +9,7 @@
 
 #include "engine/fem/assembly.h"
 #include "engine/fem/test_meshes.h"
+#include "engine/numerics/test_random.h"
 #include "engine/solver/conjugate_gradients.h"
 #include "engine/solver/refinement.h"
 
@@ -195,6 +196,34 @@ TEST(ConjugateGradients, GoOnAfterAPauseAsIfThereHadBeenNone) {
     EXPECT_EQ(first.iterations + rest.iterations, whole.iterations);
     EXPECT_EQ(rest.residual, whole.residual);
     EXPECT_EQ(paused.workspace.x, straight.workspace.x);
+  }
+}
+
+TEST(ConjugateGradients, BeginAlongAGuessWhereTheEnergyErrorIsLeast) {
+  for (int threads : {1, 2}) {
+    Problem<double> problem(true, widest_isa(), threads);
+    auto& workspace = problem.workspace;
+    std::mt19937_64 random(7);
+    workspace.guess.assign(workspace.b.size(), 0.0);
+    for (std::size_t node = 0; node < problem.free_node.size(); ++node) {
+      for (std::size_t d = 0; problem.free_node[node] && d < 3; ++d)
+        workspace.guess[problem.slot(node, d)] = uniform(random, -500, 500);
+    }
+    workspace.x = workspace.guess;
+    find_residual(problem.matrix, problem.borders, workspace);
+    double along = 0, curvature = 0;  // g . b, g . A g
+    for (std::size_t i = 0; i < workspace.b.size(); ++i) {
+      along += workspace.guess[i] * workspace.b[i];
+      curvature += workspace.guess[i] * (workspace.b[i] - workspace.r[i]);
+    }
+    const double share = along / curvature;
+    workspace.start = Start::guess;
+    const SolveResult begun = conjugate_gradients(problem.matrix, problem.borders, 1e-9, 0.0, 0, workspace);
+    EXPECT_EQ(begun.iterations, 0);
+    for (std::size_t i = 0; i < workspace.x.size(); ++i)
+      EXPECT_NEAR(workspace.x[i], share * workspace.guess[i], 1e-6 * std::fabs(share)) << i;
+    const SolveResult end = conjugate_gradients(problem.matrix, problem.borders, 1e-9, 0.0, 5000, workspace);
+    EXPECT_TRUE(end.converged);
   }
 }
 

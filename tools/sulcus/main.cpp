@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -32,6 +33,15 @@ int command_line(int argc, char** argv) {
       "Exit codes: 0 fine, 1 a check failed, 2 the input is wrong, 3 something in the environment failed.");
   app.set_version_flag("--version", SULCUS_VERSION);
   app.require_subcommand(1);
+  const CLI::Validator finite(
+      [](std::string& text) {
+        double value = 0;
+        const bool is_finite = CLI::detail::lexical_cast(text, value) && std::isfinite(value);
+        return is_finite ? std::string() : "found " + text + ", expected a finite number";
+      },
+      "FINITE");
+  const CLI::Validator positive = CLI::PositiveNumber & finite,
+                       not_negative = CLI::NonNegativeNumber & finite;
   int code = 0;
 
   sulcus::RunOptions run;
@@ -57,7 +67,7 @@ int command_line(int argc, char** argv) {
   static_app->add_option("--out", rest.out, "folder for run.h5, summary.json and pictures")->required();
   static_app
       ->add_option("--time-s", rest.time_s, "with the motions where they are then (default: at the end)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative);
   static_app->add_option("--threads", rest.threads, "threads of the engine (default: all)")
       ->check(CLI::Range(1, 256));
   static_app->add_option("--set", rest.overrides, "/json/pointer=value, changes the scenario")
@@ -134,12 +144,12 @@ int command_line(int argc, char** argv) {
       ->check(CLI::Range(1, 256));
   diff_app->callback([&] { code = sulcus::diff_command(diff); });
 
-  const auto add_phantom = [](CLI::App* to, sulcus::PhantomOptions& phantom) {
+  const auto add_phantom = [&positive](CLI::App* to, sulcus::PhantomOptions& phantom) {
     to->add_option("--library", phantom.library, "file of the Phantom's libHD (default: searched)");
     to->add_option("--device-name", phantom.device_name, "the Phantom's name in its driver");
     to->add_option("--calibration-timeout-s", phantom.calibration_timeout_s,
                    "for the user to dock the stylus")
-        ->check(CLI::PositiveNumber)
+        ->check(positive)
         ->capture_default_str();
   };
   sulcus::SessionOptions session;
@@ -165,8 +175,8 @@ int command_line(int argc, char** argv) {
   session_app
       ->add_option("--filter-Hz", session.filter_Hz,
                    "cut-off of the rendered force, 0 for none (default: the scenario's output_filter_Hz)")
-      ->check(CLI::NonNegativeNumber);
-  session_app->add_option("--duration-s", session.duration_s, "ends the session")->check(CLI::PositiveNumber);
+      ->check(not_negative);
+  session_app->add_option("--duration-s", session.duration_s, "ends the session")->check(positive);
   session_app->add_option("--threads", session.threads, "threads of the engine (default: all but one)")
       ->check(CLI::Range(1, 256));
   session_app->add_option("--set", session.overrides, "/json/pointer=value, changes the scenario")
@@ -177,7 +187,7 @@ int command_line(int argc, char** argv) {
                         "asks for no real-time priority, locks no memory");
   add_phantom(session_app, session.phantom);
   session_app->add_option("--max-force-N", session.phantom.max_force_N, "phantom: largest force on the hand")
-      ->check(CLI::PositiveNumber);
+      ->check(positive);
   session_app->add_option("--turn-deg", session.phantom.turn_deg, "phantom: turned about the scene's z axis");
   session_app->add_option("--tip-offset-mm", session.phantom.tip_offset_mm, "phantom: from gimbal to tip");
   session_app
@@ -186,7 +196,8 @@ int command_line(int argc, char** argv) {
   session_app->callback([&] { code = sulcus::session_command(session); });
 
   sulcus::RecoverOptions recover;
-  auto* recover_app = app.add_subcommand("recover", "makes a recording of a session or a run that was killed");
+  auto* recover_app =
+      app.add_subcommand("recover", "makes a recording of a session or a run that was killed");
   recover_app->footer("Example: sulcus recover session_20260131_101500");
   recover_app->add_option("DIR", recover.folder, "folder of the session or run")->required();
   recover_app->add_option("--threads", recover.threads, "threads of the engine (default: all)")
@@ -200,7 +211,7 @@ int command_line(int argc, char** argv) {
   device_app->add_option("--check", device.check, "tries everything but force")
       ->check(CLI::IsMember({"phantom"}));
   device_app->add_option("--seconds", device.watch_s, "for which the servo is watched")
-      ->check(CLI::PositiveNumber)
+      ->check(positive)
       ->capture_default_str();
   add_phantom(device_app, device.phantom);
   device_app->callback([&] { code = sulcus::device_command(device); });
@@ -231,7 +242,7 @@ int command_line(int argc, char** argv) {
       ->check(CLI::IsMember({"five", "six"}))
       ->capture_default_str();
   mesh_app->add_option("--min-island-cells", mesh.min_island_cells, "pieces of fewer cells are left out")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative);
   mesh_app->add_option("--out", mesh.out, "VTK file (.vtu)")->required();
   mesh_app->callback([&] { code = sulcus::mesh_command(mesh); });
 
@@ -241,7 +252,7 @@ int command_line(int argc, char** argv) {
       "Example: sulcus export-volume out/run.h5 --at 4.8 --like mri.nii.gz --interp linear --out open.nrrd");
   export_app->add_option("RECORDING", exported.recording, "run.h5, or the folder of a run")->required();
   export_app->add_option("--at", exported.at_s, "s; the nearest recorded frame is taken (default: the end)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative);
   export_app->add_option("--like", exported.like,
                          "label or grey image in the space of the label map: NRRD, NIfTI, MetaImage or a "
                          "folder with a DICOM series (default: the label map)");
@@ -263,7 +274,7 @@ int command_line(int argc, char** argv) {
   surface_app->footer("Example: sulcus export-surface out/run.h5 --labels 1015,1030 --out temporal.ply");
   surface_app->add_option("RECORDING", surface.recording, "run.h5, or the folder of a run")->required();
   surface_app->add_option("--at", surface.at_s, "s; the nearest recorded frame is taken (default: the end)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative);
   surface_app->add_option("--labels", surface.labels, "the labels that are one body (default: all)")
       ->delimiter(',');
   surface_app->add_option("--out", surface.out, ".ply, .stl or .obj, in world millimetres")->required();
@@ -307,11 +318,11 @@ int command_line(int argc, char** argv) {
   auto* fuzz_app = app.add_subcommand("fuzz", "runs random scenarios; statements judge them");
   fuzz_app->footer("Example: sulcus fuzz --seconds 60 --seed 1000 --out /tmp/fuzz");
   fuzz_app->add_option("--seconds", fuzz.seconds, "after which no further seed is begun")
-      ->check(CLI::PositiveNumber)
+      ->check(positive)
       ->capture_default_str();
   fuzz_app->add_option("--seed", fuzz.seed, "the first seed")->capture_default_str();
   fuzz_app->add_option("--seeds", fuzz.seeds, "how many at most (default: as many as there is time for)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive);
   fuzz_app->add_option("--out", fuzz.out, "folder for the scenarios that fail")->capture_default_str();
   fuzz_app->callback([&] { code = sulcus::fuzz_command(fuzz); });
 

@@ -3,8 +3,8 @@
 #include <random>
 
 #include "engine/numerics/error.h"
-#include "engine/scene/precision_error.h"
 #include "engine/scene/pieces.h"
+#include "engine/scene/precision_error.h"
 #include "tools/sulcus/commands.h"
 #include "tools/sulcus/recorded_hand.h"
 #include "tools/sulcus/run_recorder.h"
@@ -134,8 +134,7 @@ int run_command(const RunOptions& options) {
   RunRecorder recorder(options.out, header, state);
   for (const std::string& warning : warnings) recorder.warning(warning);
   for (const std::string& note : notes) recorder.event(0, note);
-  if (options.start_shift_seed != 0)
-    recorder.event(0, "every coordinate was moved by one ulp at the start");
+  if (options.start_shift_seed != 0) recorder.event(0, "every coordinate was moved by one ulp at the start");
   for (const auto& [name, value] : topology_numbers(scene)) recorder.number(name, value);
 
   WorkspacePtr workspace = make_workspace(scene, threads);
@@ -146,7 +145,7 @@ int run_command(const RunOptions& options) {
   ClockAndTree observers(clock, tree);
   shots.look(state, report);
   const std::int64_t steps = scenario.steps();
-  bool torn = false;
+  bool torn = false, stopped = false;
   HangingRecord hanging;
   double precision_error = 0;
   std::vector<std::int64_t> last_touch(scene.settings.tools.size(), -1);  // step
@@ -177,6 +176,7 @@ int run_command(const RunOptions& options) {
         recorder.event(n, "stopped: " + why);
         std::fprintf(stderr, "%s: step %lld: the run stops here: %s\n", scenario.name.c_str(),
                      static_cast<long long>(n), why.c_str());
+        stopped = true;
         break;
       }
       if (report.fracture && report.fracture->by_criterion > 0 && !torn) {
@@ -211,7 +211,7 @@ int run_command(const RunOptions& options) {
     throw EnvironmentError(scenario.name + ": a device failed after " + std::to_string(run.steps) +
                            " steps; what came before is recorded in " + (options.out / "run.h5").string());
   }
-  return 0;
+  return stopped ? 1 : 0;
 }
 
 }  // namespace sulcus

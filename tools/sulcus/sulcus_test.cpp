@@ -435,18 +435,29 @@ TEST_F(Command, FindsAPlaceOfRestAndRecordsIt) {
   EXPECT_EQ(replay.code, 2);
   EXPECT_TRUE(contains(replay.output, "holds a place of rest")) << replay.output;
   // and what cannot rest is refused with its place, before anything is written
-  const Result loose = command("static " + scenario + " --out " + out("loose") + " --set '/boundary/fixed=[]'");
+  const Result loose =
+      command("static " + scenario + " --out " + out("loose") + " --set '/boundary/fixed=[]'");
   EXPECT_EQ(loose.code, 2);
-  EXPECT_TRUE(contains(loose.output, "piece 1 of 1 of the mesh (24 cells around (0, 0, 0) mm) is held by nothing"))
+  EXPECT_TRUE(
+      contains(loose.output, "piece 1 of 1 of the mesh (24 cells around (0, 0, 0) mm) is held by nothing"))
       << loose.output;
   EXPECT_FALSE(fs::exists(folder / "loose"));
+  const Result never = command("static " + scenario + " --time-s nan --out " + out("loose"));
+  EXPECT_EQ(never.code, 2);
+  EXPECT_TRUE(contains(never.output, "finite")) << never.output;
+  // what is far beyond all numbers breaks a run off, which its exit code says
+  const Result broken = command(
+      "run " + scenario + " --no-pictures --set '/tissue/gravity_m_s2=[0,0,-1e300]' --out " + out("broken"));
+  EXPECT_EQ(broken.code, 1);
+  EXPECT_TRUE(contains(broken.output, "the run stops here")) << broken.output;
 }
 
 TEST_F(Command, MeasuresWorkAgainstPrecision) {
   std::ofstream(folder / "hanging.json") << hanging_bar;
-  const std::string start = "work-precision " + (folder / "hanging.json").string() + " --threads 1 --repetitions 1 ";
-  const Result result =
-      command(start + "--vary /solver/tolerance=1e-1,1e-5 --vary /time/step_s=0.1,0.05 --out " + out("study"));
+  const std::string start =
+      "work-precision " + (folder / "hanging.json").string() + " --threads 1 --repetitions 1 ";
+  const Result result = command(
+      start + "--vary /solver/tolerance=1e-1,1e-5 --vary /time/step_s=0.1,0.05 --out " + out("study"));
   ASSERT_EQ(result.code, 0) << result.output;
   const std::string csv = read(folder / "study" / "work_precision.csv");
   std::istringstream lines(csv);
@@ -467,6 +478,16 @@ TEST_F(Command, MeasuresWorkAgainstPrecision) {
   EXPECT_EQ(unknown.code, 2);
   EXPECT_TRUE(contains(unknown.output, "/dt")) << unknown.output;
   EXPECT_FALSE(fs::exists(folder / "unknown"));
+  const Result twice =
+      command(start + "--vary /time/step_s=0.1 --vary /time/step_s=0.05 --out " + out("unknown"));
+  EXPECT_EQ(twice.code, 2);
+  EXPECT_TRUE(contains(twice.output, "given twice")) << twice.output;
+  // only one of these is what the scenario has by itself
+  const Result starts = command(start + "--vary /solver/start=rest,velocity --out " + out("starts"));
+  ASSERT_EQ(starts.code, 0) << starts.output;
+  const std::string rows = read(folder / "starts" / "work_precision.md");
+  EXPECT_FALSE(contains(rows, "**rest**")) << rows;
+  EXPECT_TRUE(contains(rows, "**velocity**")) << rows;
 }
 
 }  // namespace

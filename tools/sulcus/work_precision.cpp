@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "engine/numerics/error.h"
 #include "engine/scene/pieces.h"
@@ -268,12 +269,22 @@ std::string processor() {
   return "an unknown processor";
 }
 
-// Whether what is usually varied is the same.
-bool same_settings(const Scenario& a, const Scenario& b) {
+// Whether a choice of the varied keys is what the scenario has by itself. A key that its file leaves out is
+// looked up among the settings that are usually varied.
+bool is_own(const Scenario& a, const Scenario& b, const std::vector<std::string>& keys) {
+  static const std::set<std::string> usual = {
+      "/time/step_s",           "/mesh/size_mm",          "/solver/tolerance", "/solver/precision",
+      "/solver/preconditioner", "/solver/max_iterations", "/solver/start",     "/solver/velocity_floor_m_s"};
+  const auto chosen = nlohmann::json::parse(a.resolved_json), own = nlohmann::json::parse(b.resolved_json);
+  for (const std::string& key : keys) {
+    const nlohmann::json::json_pointer place(key);
+    if (own.contains(place) ? own.at(place) != chosen.at(place) : !usual.contains(key)) return false;
+  }
   const SolverSettings &s = a.scene.solver, &t = b.scene.solver;
   return a.scene.step_s == b.scene.step_s && a.scene.embedding.size_m == b.scene.embedding.size_m &&
          s.tolerance == t.tolerance && s.precision == t.precision && s.preconditioner == t.preconditioner &&
-         s.max_iterations == t.max_iterations;
+         s.max_iterations == t.max_iterations && s.first_guess == t.first_guess &&
+         s.velocity_floor_m_s == t.velocity_floor_m_s;
 }
 
 }  // namespace
@@ -283,7 +294,11 @@ int work_precision_command(const WorkPrecisionOptions& options) {
   std::vector<Varied> varied;
   for (const std::string& text : options.varied) varied.push_back(read_varied(text));
   WorkPrecisionStudy study;
-  for (const Varied& one : varied) study.keys.push_back(one.key);
+  for (const Varied& one : varied) {
+    if (std::ranges::count(study.keys, one.key) > 0)
+      throw InputError("--vary: " + one.key + " is given twice; name all its values in one");
+    study.keys.push_back(one.key);
+  }
 
   // everything is read and checked before anything runs
   std::vector<Scenario> scenarios;
@@ -294,12 +309,14 @@ int work_precision_command(const WorkPrecisionOptions& options) {
     scenarios.push_back(load_scenario(path, settings, recorded_hand));
     study.rows.push_back({});
     study.rows.back().values = choice;
-    study.rows.back().own = same_settings(scenarios.back(), own);
+    study.rows.back().own = is_own(scenarios.back(), own, study.keys);
   }
   study.reference = without_overridden(reference_settings(options, varied, scenarios));
   const Scenario reference = load_scenario(path, study.reference, recorded_hand);
   std::vector<std::string> doubled = study.reference;
-  doubled.push_back("/time/step_s=" + std::to_string(2 * reference.scene.step_s));
+  char step[40];
+  std::snprintf(step, sizeof step, "/time/step_s=%.17g", 2 * reference.scene.step_s);
+  doubled.push_back(step);
   const Scenario longer_steps = load_scenario(path, doubled, recorded_hand);
   std::vector<Scene> scenes;
   for (const Scenario& scenario : scenarios) scenes.push_back(make_scene(scenario));
