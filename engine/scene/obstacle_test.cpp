@@ -114,22 +114,30 @@ TEST(Friction, HoldsABlockUpToTheAngleOfCoulombAndLetsItGoBeyond) {
 }
 
 // The same with the plate itself tilted, and the slope along a diagonal.
-// Contacts come and go and are solved again, so what the last steps let expect is often wrong.
+// Contacts come and go and are solved again, so what the last steps let expect is often wrong: followed all
+// the way, the block falls through the floor.
 TEST(Friction, OnAStiffFloorABlockRestsWhereverASearchBegins) {
   std::vector<Vec3> ends;
   for (const FirstGuess first : {FirstGuess::velocity, FirstGuess::past}) {
-    SceneDescription d = block_on_plate(0.02);
+    SceneDescription d = block_description({4, 4, 4}, 0.005);
+    d.material = {1000, 0.45, 1000};
+    d.damping = {0, 0.1};
+    d.step_s = 0.02;
+    d.gravity = {0, 0, -9.81};
+    d.obstacles = block_on_plate().obstacles;
+    d.obstacles[0].position = {0.01, 0.01, -0.201};
     d.obstacles[0].contact.stiffness_N_m = 1e5;
+    d.obstacles[0].contact.damping_N_s_m = 0.1;
     d.obstacles[0].contact.friction = 0.5;
     d.solver.first_guess = first;
     d.solver.precision = Precision::single_precision;
     d.solver.tolerance = 1e-3;
     const Scene scene = build(std::move(d));
-    const Rest r = run(scene, 100);
+    const Rest r = run(scene, 400);
     ASSERT_TRUE(r.report.finite);
     ends.push_back(node_vector(std::span<const double>(r.state.positions), 0));
   }
-  EXPECT_LT((ends[1] - ends[0]).norm(), 1e-4);
+  EXPECT_LT((ends[1] - ends[0]).norm(), 2e-5);  // m; followed all the way: 2e-4
 }
 
 TEST(Friction, DoesNotDependOnTheDirectionOfTheSlope) {
