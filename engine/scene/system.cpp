@@ -410,7 +410,7 @@ SolveResult assemble_and_solve(const Scene& scene, std::span<const DeviceSample>
                                Numbers<Real>& numbers, Workspace& workspace, StageObserver* observer,
                                const Effort& effort, bool again) {
   const bool from_rest = scene.settings.solver.first_guess == FirstGuess::rest && !again;
-  numbers.solver.start = again || from_rest ? Start::guess : Start::rest;
+  numbers.solver.start = again ? Start::guess : from_rest ? Start::whole_guess : Start::rest;
   if (again) guess_last_solution(numbers.solver);
   if (from_rest) guess_rest(scene, state, workspace, numbers.solver);
   if (again) {

@@ -241,14 +241,14 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       rz = advance(Real(1));
     };
     // As far along the guess as leaves the least energy error, so that no guess can make it larger.
-    const auto add_guess = [&] {
+    const auto add_guess = [&](bool whole) {
       kernels.direct(matrix, Real(0), workspace.guess.data(), p, packed, own.first, own.last);
       barrier.wait();
       const double pq = multiply();
       for (std::int64_t block = own.first; block < own.last; ++block)
         workspace.rz[static_cast<std::size_t>(block)] = block_product(r, p, block, matrix.chunks);
       barrier.wait();
-      const double alpha = ordered_sum(workspace.rz) / pq;
+      const double alpha = whole ? 1 : ordered_sum(workspace.rz) / pq;
       barrier.wait();  // all have read what advance writes
       if (std::isfinite(alpha)) rz = advance(static_cast<Real>(alpha));
     };
@@ -261,7 +261,8 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       rz = advance(Real(0));
       if (!workspace.prescribed.empty()) add_prescribed();
       start = std::sqrt(rz);
-      if (workspace.start == Start::guess) add_guess();
+      const bool whole = workspace.start == Start::whole_guess;
+      if (whole || workspace.start == Start::guess) add_guess(whole);
       direct(Real(0));
     }
 

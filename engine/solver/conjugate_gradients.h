@@ -44,9 +44,10 @@ struct ToolBorder {
   std::array<double, 36> inverse{};  // C^-1, row major
 };
 
-// Where a solve begins. rest: at x = 0. guess: at SolverWorkspace::guess. pause: where the call before ended,
-// as if that had gone on; matrix, borders and right-hand side must be those of that call.
-enum class Start { rest, guess, pause };
+// Where a solve begins. rest: at x = 0. guess: as far along SolverWorkspace::guess as leaves the least energy
+// error. whole_guess: all the way, for comparison. pause: where the call before ended, as if that had gone
+// on; matrix, borders and right-hand side must be those of that call.
+enum class Start { rest, guess, whole_guess, pause };
 
 // A node whose inverse diagonal block leaves it two directions, across those of the axes: rounding would let
 // its residual along the normal, a force of constraint, into the other two, so the search does without that

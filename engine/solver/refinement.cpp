@@ -83,7 +83,7 @@ SolveResult refined_conjugate_gradients(const RowMatrix<double>& matrix,
       workspace.x[i] = workspace.prescribed.empty() ? 0 : workspace.prescribed[i];
     correct(0);
     workspace.size_of_start = size;
-    if (workspace.start == Start::guess) {
+    if (workspace.start == Start::guess || workspace.start == Start::whole_guess) {
       for (std::size_t i = 0; i < workspace.x.size(); ++i) workspace.x[i] += workspace.guess[i];
     }
   }
