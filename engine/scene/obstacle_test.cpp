@@ -113,9 +113,8 @@ TEST(Friction, HoldsABlockUpToTheAngleOfCoulombAndLetsItGoBeyond) {
   }
 }
 
-// The same with the plate itself tilted, and the slope along a diagonal.
 // Contacts come and go and are solved again, so what the last steps let expect is often wrong: followed all
-// the way, the block falls through the floor.
+// the way, it moves the block aside.
 TEST(Friction, OnAStiffFloorABlockRestsWhereverASearchBegins) {
   std::vector<Vec3> ends;
   for (const FirstGuess first : {FirstGuess::velocity, FirstGuess::past}) {
@@ -140,6 +139,7 @@ TEST(Friction, OnAStiffFloorABlockRestsWhereverASearchBegins) {
   EXPECT_LT((ends[1] - ends[0]).norm(), 2e-5);  // m; followed all the way: 2e-4
 }
 
+// The same with the plate itself tilted, and the slope along a diagonal.
 TEST(Friction, DoesNotDependOnTheDirectionOfTheSlope) {
   constexpr double mu = 0.3;
   for (const double ratio : {0.97, 1.1}) {
