@@ -234,22 +234,19 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       barrier.wait();
       return ordered_sum(workspace.pq) - border_term;
     };
-    const auto add_prescribed = [&] {
-      kernels.direct(matrix, Real(0), workspace.prescribed.data(), p, packed, own.first, own.last);
-      barrier.wait();
-      multiply();
-      rz = advance(Real(1));
-    };
-    // As far along the guess as leaves the least energy error, so that no guess can make it larger.
-    const auto add_guess = [&](bool whole) {
-      kernels.direct(matrix, Real(0), workspace.guess.data(), p, packed, own.first, own.last);
+    // Goes along a part: all the way, or as far as leaves the least energy error, so that it cannot grow.
+    const auto add_to_start = [&](const Real* part, bool whole) {
+      kernels.direct(matrix, Real(0), part, p, packed, own.first, own.last);
       barrier.wait();
       const double pq = multiply();
-      for (std::int64_t block = own.first; block < own.last; ++block)
-        workspace.rz[static_cast<std::size_t>(block)] = block_product(r, p, block, matrix.chunks);
-      barrier.wait();
-      const double alpha = whole ? 1 : ordered_sum(workspace.rz) / pq;
-      barrier.wait();  // all have read what advance writes
+      double alpha = 1;
+      if (!whole) {
+        for (std::int64_t block = own.first; block < own.last; ++block)
+          workspace.rz[static_cast<std::size_t>(block)] = block_product(r, p, block, matrix.chunks);
+        barrier.wait();
+        alpha = ordered_sum(workspace.rz) / pq;
+        barrier.wait();  // all have read what advance writes
+      }
       if (std::isfinite(alpha)) rz = advance(static_cast<Real>(alpha));
     };
     if (workspace.start != Start::pause) {
@@ -259,10 +256,10 @@ SolveResult conjugate_gradients(const RowMatrix<Real>& matrix, const std::vector
       }
       project(workspace.sliding, own_chunks, r);
       rz = advance(Real(0));
-      if (!workspace.prescribed.empty()) add_prescribed();
+      if (!workspace.prescribed.empty()) add_to_start(workspace.prescribed.data(), true);
       start = std::sqrt(rz);
       const bool whole = workspace.start == Start::whole_guess;
-      if (whole || workspace.start == Start::guess) add_guess(whole);
+      if (whole || workspace.start == Start::guess) add_to_start(workspace.guess.data(), whole);
       direct(Real(0));
     }
 

@@ -379,14 +379,10 @@ TEST(Multigrid, HasNoLevelWhoseCellsAreLargerThanADisturbanceTravels) {
 template <class Solve>
 int iterations_to_a_thousandth(const std::vector<double>& exact, const BodySystem<double>& system,
                                const Solve& solve) {
-  int low = 0, high = 2000;
-  while (high - low > 1) {
-    const int middle = (low + high) / 2;
-    solve(middle);
-    const std::vector<double> found{system.solver.x.begin(), system.solver.x.end()};
-    (relative_difference(found, exact) <= 1e-3 ? high : low) = middle;
-  }
-  return high;
+  return fewest_iterations(2000, [&](int iterations) {
+    solve(iterations);
+    return relative_difference(system.solver.x, exact) <= 1e-3;
+  });
 }
 
 // Iterations of block-Jacobi that a step's solution costs. Of multigrid, an iteration takes as long as 1.7 of
@@ -418,9 +414,7 @@ TEST(Multigrid, IsChosenWhereItNeedsLessWorkForTheSameError) {
                    mesh.grid_size[2] * 0.005);
     if (stiffness_N_m > 0) press(body, top, -Vec3::UnitZ(), 40, stiffness_N_m);
     const Work work = work_of(body);
-    const double contact_kg = stiffness_N_m > 0 ? body.contact_weight() : 0;
-    const bool multigrid =
-        multigrid_pays(body.mesh, reach_of_step(body.mesh, body.elements, body.step), contact_kg);
+    const bool multigrid = takes_multigrid(body);
     const double best = std::min(work.block_jacobi, work.multigrid);
     const double over = (multigrid ? work.multigrid : work.block_jacobi) / best;
     EXPECT_LE(over, 1.35) << mesh.grid_size[0] << " x " << mesh.grid_size[1] << " x " << mesh.grid_size[2]

@@ -262,6 +262,23 @@ struct BodySystem {
   }
 };
 
+// What `auto` would choose.
+inline bool takes_multigrid(const PressedBody& body) {
+  return multigrid_pays(body.mesh, reach_of_step(body.mesh, body.elements, body.step), body.contact_weight());
+}
+
+// The smallest number of iterations, at most `most`, for which reached(number) holds; it holds for `most` and
+// for all above the first.
+template <class Reached>
+int fewest_iterations(int most, const Reached& reached) {
+  int low = 0;
+  while (most - low > 1) {
+    const int middle = (low + most) / 2;
+    (reached(middle) ? most : low) = middle;
+  }
+  return most;
+}
+
 // |a - b| / |b|.
 template <class Some, class Other>
 double relative_difference(const Some& a, const Other& b) {

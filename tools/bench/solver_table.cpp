@@ -133,12 +133,7 @@ int iterations_to(double error, int most, Method& method, const std::vector<doub
     return relative_difference(method.solution(), exact) <= error;
   };
   if (!reached(most)) return -1;
-  int low = 0;
-  while (most - low > 1) {
-    const int middle = (low + most) / 2;
-    (reached(middle) ? most : low) = middle;
-  }
-  return most;
+  return fewest_iterations(most, reached);
 }
 
 void count_iterations(Row& row, const std::vector<double>& exact) {
@@ -259,19 +254,13 @@ void print_exponents(const Results& results) {
   }
 }
 
-void print_choices(std::vector<double> over) {
+void print_choices(const std::vector<double>& over) {
   if (over.empty()) return;
-  std::sort(over.begin(), over.end());
   const double mean = std::accumulate(over.begin(), over.end(), 0.0) / static_cast<double>(over.size());
   std::printf(
       "\nTo an error of 1e-3 the choices of `auto` (*) take %.2f times as long as the better of the two on "
       "average, %.2f times at most (%zu choices).\n",
-      mean, over.back(), over.size());
-}
-
-bool takes_multigrid(const PressedBody& body) {
-  return multigrid_pays(body.mesh, reach_of_step(body.mesh, body.elements, body.step),
-                        body.contacts.empty() ? 0 : body.contact_weight());
+      mean, *std::max_element(over.begin(), over.end()), over.size());
 }
 
 bool is_multigrid(const Row& row) {
@@ -282,14 +271,14 @@ double ms_to_a_thousandth(const Row& row) {
   return median(row.set_up_ms) + median(row.solve_ms[thousandth]);
 }
 
-void add_results(const PressedBody& body, const std::vector<Row>& rows, Results& results) {
+void add_results(const PressedBody& body, const std::vector<Row>& rows, bool multigrid, Results& results) {
   if (std::any_of(rows.begin(), rows.end(), [](const Row& row) { return row.iterations[thousandth] < 0; }))
     return;
   double chosen = 0, best = ms_to_a_thousandth(rows.front());
   for (const Row& row : rows) {
     const double ms = ms_to_a_thousandth(row);
     best = std::min(best, ms);
-    if (is_multigrid(row) == takes_multigrid(body)) chosen = ms;
+    if (is_multigrid(row) == multigrid) chosen = ms;
     results.costs[row.method->name].push_back({static_cast<double>(body.mesh.tets.size()),
                                                static_cast<double>(row.iterations[thousandth]), ms,
                                                row.method->bytes()});
@@ -305,6 +294,7 @@ void measure(const Options& options, const BenchMesh& mesh, const BodySettings& 
           contact_N_m);
   }
   const std::vector<double> exact = exact_solution(body, options.threads);
+  const bool multigrid = takes_multigrid(body);
   for (const std::string& precision : options.precisions) {
     std::vector<Row> rows;
     for (const std::string& preconditioner : options.preconditioners) {
@@ -319,8 +309,8 @@ void measure(const Options& options, const BenchMesh& mesh, const BodySettings& 
     for (int round = 0; round < options.rounds; ++round) {
       for (Row& row : rows) take_times(row, options.processor_time);
     }
-    for (const Row& row : rows) print_row(body, settings, row, is_multigrid(row) == takes_multigrid(body));
-    add_results(body, rows, results);
+    for (const Row& row : rows) print_row(body, settings, row, is_multigrid(row) == multigrid);
+    add_results(body, rows, multigrid, results);
   }
 }
 
